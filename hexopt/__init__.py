@@ -1,0 +1,52 @@
+"""hexopt: kinematic calibration of Gough–Stewart platforms by convex optimisation and estimation.
+
+A calibration is *a loop equation* × *an estimator* × *a choice of poses*:
+
+    robot = hexopt.robots.left_hand()
+    data = hexopt.simulate_leg(robot, leg=3, lock="direction", n_poses=7, rng=0)
+    loop = hexopt.loops.FixedDirection(data)
+    found = hexopt.estimate(loop.linear("consecutive"), hexopt.LeastSquares())
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+#: Public names and where they live; each is imported when it is first used.
+_HOMES = {
+    "errors": (
+        "EstimationError FileFormatError HexoptError InputError LockError NumericalWarning "
+        "RankDeficientError SamplingError UnitError"
+    ),
+    "geometry": "Hexapod Leg Limits PoseRanges",
+    "noise": "NormalNoise Outliers UniformNoise",
+    "measurements": "LegMeasurements Lock Measurements",
+    "parameters": "Block Parameters",
+    "kinematics": "inverse_kinematics reachable",
+    "problem": "LinearProblem",
+    "result": "Estimate Status estimate",
+    "simulation": "simulate simulate_leg",
+    "estimators.least_squares": "LeastSquares",
+}
+_HOME_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
+_MODULES = ("errors", "loops", "robots", "rotations")
+
+__all__ = sorted([*_HOME_OF, *_MODULES, "__version__"])  # noqa: PLE0605  # built from the table above
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME_OF:
+        value = getattr(import_module(f".{_HOME_OF[name]}", __name__), name)
+    elif name in _MODULES:
+        value = import_module(f".{name}", __name__)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -1,0 +1,1 @@
+"""Estimators: one algorithm a file, each a value with settings and one method, `fit`."""

@@ -1,0 +1,153 @@
+"""Least squares on a linear problem: the paper's estimator, and its weighted form."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import InputError, NumericalWarning, RankDeficientError
+from ..numerics.lstsq import EPS, LstsqSolution, null_combinations, solve_normal_equations, solve_svd
+from ..problem import LinearProblem
+from ..result import Estimate, Status
+
+__all__ = ["LeastSquares", "check_rows", "status_of", "unseen_combinations", "unweighted_covariance"]
+
+#: Beyond this condition number the normal equations may lose more than 100·eps·κ.
+NORMAL_EQUATIONS_LIMIT = 100.0
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    r"""Least squares: :math:`\min_x \tfrac12\lVert W(A x - y)\rVert^2`.
+
+    Parameters
+    ----------
+    method : {"svd", "normal"}, default "svd"
+        "svd": singular values of the column-scaled matrix. "normal": :math:`(A^TA)^{-1}A^Ty` as the paper
+        writes it, which squares the condition number and warns where that costs digits.
+    weights : None or "model", default None
+        None: raw rows, as in the paper. "model": rows whitened by the noise model (generalised least
+        squares), whose covariance is evaluated at the unweighted solution or at ``linear(at=…)``.
+
+    Notes
+    -----
+    The covariance of the unweighted estimate is the sandwich :math:`A^+ D S D^T A^{+T}` of the noise
+    model; of the weighted one :math:`(A^T W^T W A)^{-1}`; without a noise model it comes from the residuals.
+    The gap is ``|U'r|²/2``, from the returned residual r projected on the range of A: zero at an optimum.
+
+    References
+    ----------
+    Daney (1998), eq. (7), (12) and (17).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hexopt as hx
+    >>> noise = hx.UniformNoise(position=0.01, angle=np.deg2rad(0.01), length=0.01)
+    >>> data = hx.simulate_leg(hx.robots.left_hand(), 3, "leg", n_poses=7, noise=noise, rng=2)
+    >>> found = hx.estimate(hx.loops.FixedLeg(data).linear("consecutive"), hx.LeastSquares())
+    >>> found.status, found.covariance_kind
+    (<Status.OPTIMAL: 0>, 'sandwich')
+    """
+
+    method: Literal["svd", "normal"] = "svd"
+    weights: Literal["model"] | None = None
+
+    accepts: ClassVar[tuple[type, ...]] = (LinearProblem,)
+    hint: ClassVar[str] = 'write estimate(loop.linear(form="direct"), LeastSquares())'
+
+    def __post_init__(self) -> None:
+        if self.method not in ("svd", "normal"):
+            raise InputError(f"method: expected 'svd' or 'normal', got {self.method!r}")
+        if self.weights not in (None, "model"):
+            raise InputError(f"weights: expected None or 'model', got {self.weights!r}")
+
+    def fit(self, target: LinearProblem) -> Estimate:
+        """Solve every problem of the batch; a rank-deficient member fails alone."""
+        check_rows(target)
+        weighted = self.weights == "model"
+        matrix, rhs = target.whitened() if weighted else (target.matrix, target.rhs)
+        solve = solve_svd if self.method == "svd" else solve_normal_equations
+        solution = solve(matrix, rhs)
+        if self.method == "normal":
+            _warn_of_lost_digits(solution.condition)
+        if weighted:
+            covariance, kind, influence = solution.inverse @ np.swapaxes(solution.inverse, -1, -2), "model", None
+        else:
+            covariance, kind, influence = unweighted_covariance(target, solution)
+        return Estimate(
+            values=solution.values,
+            parameters=target.parameters,
+            codes=status_of(solution.full_rank),
+            covariance=covariance,
+            covariance_kind=kind,
+            objective=solution.objective,
+            gap=solution.gap,
+            condition=solution.condition,
+            degrees_of_freedom=matrix.shape[-2] - matrix.shape[-1],
+            chi2=2 * solution.objective if weighted else None,
+            influence=influence,
+            estimator=f"{target.name} by {self!r}",
+            unseen=unseen_combinations(target, solution),
+        )
+
+
+def check_rows(problem: LinearProblem) -> None:
+    """Too few equations for the unknowns is a wrong call, not a failed estimate."""
+    rows, unknowns = problem.matrix.shape[-2:]
+    if rows >= unknowns:
+        return
+    need = f"; {problem.name} needs at least {problem.minimum_poses} poses" if problem.minimum_poses else ""
+    raise RankDeficientError(
+        f"too few poses: {rows} equations for {unknowns} unknowns ({', '.join(problem.parameters.names)}){need}",
+        _combinations(problem, ()),
+    )
+
+
+def status_of(full_rank: np.ndarray) -> np.ndarray:
+    """Status codes from a mask of full rank."""
+    return np.where(full_rank, Status.OPTIMAL, Status.RANK_DEFICIENT).astype(np.int8)
+
+
+def unseen_combinations(problem: LinearProblem, solution: LstsqSolution) -> tuple[str, ...]:
+    """What the first rank-deficient problem of the batch does not see, in words."""
+    if solution.full_rank.all():
+        return ()
+    first = np.unravel_index(int(np.argmin(solution.full_rank)), solution.full_rank.shape)
+    return _combinations(problem, first)
+
+
+def _combinations(problem: LinearProblem, index: tuple[np.intp, ...]) -> tuple[str, ...]:
+    matrix = problem.matrix[index] if index else problem.matrix.reshape(-1, *problem.matrix.shape[-2:])[0]
+    return tuple(problem.parameters.combination(vector) for vector in null_combinations(matrix))
+
+
+def unweighted_covariance(problem: LinearProblem, solution: LstsqSolution) -> tuple[Array | None, str, Array | None]:
+    """Covariance, its kind (or why there is none), and the influence of the direct rows."""
+    influence = problem.direct_gain(solution.inverse)
+    if problem.noise is not None:
+        return problem.row_covariance(solution.values).propagated(influence), "sandwich", influence
+    rows, unknowns = problem.matrix.shape[-2:]
+    if rows == unknowns:
+        return None, "no noise model, and no residual is left to estimate one (rows = unknowns)", influence
+    variance = 2 * solution.objective / (rows - unknowns)
+    covariance = variance[..., None, None] * (solution.inverse @ np.swapaxes(solution.inverse, -1, -2))
+    return covariance, "residual", influence
+
+
+def _warn_of_lost_digits(condition: Array) -> None:
+    bad = np.asarray(condition) > NORMAL_EQUATIONS_LIMIT
+    if bad.any():
+        worst = float(np.max(np.where(np.isfinite(condition), condition, 0.0)))
+        lost = EPS * worst * worst
+        warnings.warn(
+            f"normal equations: {int(bad.sum())} of {bad.size} problems have a condition number above "
+            f"{NORMAL_EQUATIONS_LIMIT:g} (worst {worst:.2g}); their square costs digits (relative error up to "
+            f"{lost:.1g}). Use LeastSquares(method='svd')",
+            NumericalWarning,
+            stacklevel=4,
+        )

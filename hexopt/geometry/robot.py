@@ -1,0 +1,188 @@
+"""A hexapod: six legs, a home pose, limits, ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..arrays import Array, as_array, as_generator, norm
+from ..errors import InputError
+from ..rotations import check_rotation
+from .leg import Leg, check_leg_number
+from .limits import Limits, PoseRanges
+from .units import check_length_unit
+
+__all__ = ["Hexapod"]
+
+
+@dataclass(frozen=True, eq=False)
+class Hexapod:
+    r"""A Gough–Stewart platform: six legs with :math:`\gamma_k\rho_k + \delta_k = \lVert P + R\,b_k - a_k\rVert`.
+
+    Parameters
+    ----------
+    name : str
+    base_points : array_like, shape (6, 3)
+        :math:`a_k` in the base frame.
+    platform_points : array_like, shape (6, 3)
+        :math:`b_k` in the platform frame.
+    offsets : array_like, shape (6,), default 0
+        :math:`\delta_k`.
+    gains : array_like, shape (6,), default 1
+        :math:`\gamma_k`, length units per reading unit.
+    length_unit : str, default "cm"
+        A checked label: m, dm, cm, mm, um, in, or "unstated".
+    reading_unit : str, optional
+        What the leg sensors report; a free label (e.g. "rev"); by default the length unit.
+    home_position, home_rotation : array_like, shape (3,) and (3, 3)
+        The home pose, by default the origin and the identity.
+    limits : Limits
+        What all six legs can reach.
+    ranges : PoseRanges, optional
+        The default ranges of random poses of one leg; by default derived from the home pose.
+
+    Raises
+    ------
+    InputError
+        For anything but six legs, values that are not finite, or joints that coincide at home.
+
+    Examples
+    --------
+    >>> import hexopt as hx
+    >>> robot = hx.robots.left_hand()
+    >>> robot.leg(3).platform_point
+    array([ 7.822, -1.052,  0.   ])
+    """
+
+    name: str
+    base_points: Array
+    platform_points: Array
+    offsets: Array = field(default_factory=lambda: np.zeros(6))
+    gains: Array = field(default_factory=lambda: np.ones(6))
+    length_unit: str = "cm"
+    reading_unit: str = ""
+    home_position: Array = field(default_factory=lambda: np.zeros(3))
+    home_rotation: Array = field(default_factory=lambda: np.eye(3))
+    limits: Limits = field(default_factory=Limits)
+    ranges: PoseRanges = None  # type: ignore[assignment]  # derived below
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"name: expected a non-empty text, got {self.name!r}")
+        for name, shape in (("base_points", (6, 3)), ("platform_points", (6, 3)), ("offsets", (6,)), ("gains", (6,))):
+            value = np.asarray(getattr(self, name))
+            if value.ndim and value.shape[0] != 6:
+                raise InputError(f"{name}: a hexapod has 6 legs, got {value.shape[0]}")
+            object.__setattr__(self, name, as_array(name, getattr(self, name), shape, batch=False))
+        if (self.gains <= 0).any():
+            raise InputError(f"gains: expected values > 0, got {self.gains}")
+        object.__setattr__(self, "length_unit", check_length_unit("length_unit", self.length_unit))
+        object.__setattr__(self, "reading_unit", self.reading_unit or self.length_unit)
+        object.__setattr__(self, "home_position", as_array("home_position", self.home_position, (3,), batch=False))
+        rotation = check_rotation("home_rotation", as_array("home_rotation", self.home_rotation, (3, 3), batch=False))
+        object.__setattr__(self, "home_rotation", rotation)
+        if self.home_lengths.min() <= 1e-9 * self.size:
+            raise InputError("the base and platform joints of a leg coincide at home; give home_position")
+        if self.ranges is None:
+            object.__setattr__(self, "ranges", self._default_ranges())
+
+    def _default_ranges(self) -> PoseRanges:
+        """±10 % of the mean home length, ±35°, as for the Left Hand, unless the limits say less."""
+        mean = float(self.home_lengths.mean())
+        length = self.limits.leg_length or (0.9 * mean, 1.1 * mean)
+        angle = np.deg2rad(35.0)
+        angles = self.limits.angles or (angle, angle, angle)
+        sequence = self.limits.sequence if self.limits.angles else "ZXZ"
+        cone = self.limits.leg_tilt if self.limits.leg_tilt is not None else np.deg2rad(60.0)
+        return PoseRanges(angles, length, cone, min(cone, np.deg2rad(20.0)), sequence)
+
+    # --- views ------------------------------------------------------------------------------------
+
+    def leg(self, number: int) -> Leg:
+        """Leg `number` (1…6)."""
+        k = check_leg_number(number) - 1
+        return Leg(k + 1, self.platform_points[k], self.base_points[k], self.offsets[k], self.gains[k], self.length_unit)
+
+    @property
+    def legs(self) -> tuple[Leg, ...]:
+        """The six legs in order."""
+        return tuple(self.leg(k) for k in range(1, 7))
+
+    @property
+    def home_vectors(self) -> Array:
+        """Leg vectors :math:`P + R b_k - a_k` at home, shape (6, 3)."""
+        vectors: Array = self.home_position + self.platform_points @ self.home_rotation.T - self.base_points
+        return vectors
+
+    @property
+    def home_lengths(self) -> Array:
+        """True leg lengths at home, shape (6,)."""
+        return norm(self.home_vectors)
+
+    @property
+    def size(self) -> float:
+        """The largest distance of a joint from its frame's origin, or of home from the base: a length scale."""
+        points = np.vstack([self.base_points, self.platform_points, self.home_position[None]])
+        return float(norm(points).max())
+
+    # --- new robots -------------------------------------------------------------------------------
+
+    def with_legs(self, legs: Sequence[Leg] | Mapping[int, Leg], name: str | None = None) -> Hexapod:
+        """This robot with some legs replaced, each by its own number."""
+        new = list(legs.values()) if isinstance(legs, Mapping) else list(legs)
+        arrays = {key: np.array(getattr(self, key)) for key in ("base_points", "platform_points", "offsets", "gains")}
+        for leg in new:
+            if leg.length_unit != self.length_unit:
+                raise InputError(f"leg {leg.number} is in {leg.length_unit}, the robot in {self.length_unit}")
+            k = leg.number - 1
+            arrays["base_points"][k], arrays["platform_points"][k] = leg.base_point, leg.platform_point
+            arrays["offsets"][k], arrays["gains"][k] = leg.offset, leg.gain
+        return replace(self, name=self.name if name is None else name, **arrays)
+
+    def perturbed(self, amount: float, *, offsets: float = 0.0, rng: int | np.random.Generator) -> Hexapod:
+        """A nominal that is off: every joint coordinate moved by a uniform error in ±`amount`.
+
+        Parameters
+        ----------
+        amount : float
+            Half-width of the error of each coordinate of a and b, in length units.
+        offsets : float, default 0
+            The same for the leg offsets; by default they (and the gains) are kept.
+        rng : int or numpy.random.Generator
+
+        Examples
+        --------
+        >>> import hexopt as hx
+        >>> robot = hx.robots.left_hand()
+        >>> bool(abs(robot.perturbed(0.1, rng=0).base_points - robot.base_points).max() <= 0.1)
+        True
+        """
+        for name, value in (("amount", amount), ("offsets", offsets)):
+            if float(as_array(name, value, (), batch=False)) < 0:
+                raise InputError(f"{name}: expected a half-width >= 0, got {value}")
+        generator = as_generator(rng)
+        return replace(
+            self,
+            name=f"{self.name} (perturbed)",
+            base_points=self.base_points + generator.uniform(-amount, amount, (6, 3)),
+            platform_points=self.platform_points + generator.uniform(-amount, amount, (6, 3)),
+            offsets=self.offsets + generator.uniform(-offsets, offsets, 6),
+        )
+
+    # --- files ------------------------------------------------------------------------------------
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> Hexapod:
+        """Read a robot from a TOML file; see :meth:`to_toml` for its keys."""
+        from .toml import read_robot
+
+        return read_robot(Path(path))
+
+    def to_toml(self, path: str | Path) -> Path:
+        """Write the robot to a TOML file, whole or not at all; numbers survive the round trip to the bit."""
+        from .toml import write_robot
+
+        return write_robot(self, Path(path))

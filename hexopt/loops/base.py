@@ -1,0 +1,327 @@
+r"""The base of every loop equation of one leg.
+
+A loop is :math:`g_i(\theta, m_i) = 0` per pose. A subclass gives the misclosure, its derivatives by
+every parameter block and by the error of the pose; the base class derives known and unknown
+parameters, linear problems in their forms, and the covariance of the rows.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import Array, as_array, matvec
+from ..errors import InputError, LockError
+from ..geometry import Leg
+from ..geometry.leg import LEG_BLOCKS
+from ..measurements import LegMeasurements, Lock
+from ..numerics.forms import Centred, Consecutive, Direct, Form
+from ..parameters import Block, Parameters
+from ..problem import LinearProblem, RowCovariance
+from ..result import Estimate
+
+__all__ = ["Loop"]
+
+Known = npt.ArrayLike | Estimate
+
+
+class Loop(ABC):
+    r"""One loop equation of one leg over the poses of a set, or a batch of sets.
+
+    Parameters
+    ----------
+    data : LegMeasurements
+    unknown : sequence of str, optional
+        The leg's blocks to estimate, of "platform_point", "base_point", "offset", "gain".
+    platform_point, base_point, offset, gain : array_like or Estimate, optional
+        Known values; an :class:`Estimate` brings its covariance along. What is neither unknown nor
+        given comes from ``data.nominal``.
+
+    Raises
+    ------
+    LockError
+        If the data has a lock that the equation does not hold for.
+    InputError
+        If a known value is missing, or a name is not a leg's.
+    """
+
+    #: Locks under which the equation holds.
+    locks: ClassVar[tuple[Lock, ...]]
+    #: What is estimated by default.
+    default_unknown: ClassVar[tuple[str, ...]]
+    #: The leg's blocks that the equation contains.
+    involved: ClassVar[tuple[str, ...]]
+    #: Sets of unknowns in which the equation is linear (any subset of one of them).
+    linear_in: ClassVar[tuple[frozenset[str], ...]]
+    #: Names of the nuisance blocks with their sizes; sums, products and squares of lengths have units too.
+    nuisance: ClassVar[Mapping[str, int]] = {}
+    #: Rows a pose.
+    rows: ClassVar[int]
+    #: What the unit of the nuisance is, with {unit} for the length unit.
+    nuisance_unit: ClassVar[str] = "{unit}"
+    #: Forms that `linear` offers.
+    forms: ClassVar[tuple[str, ...]] = ("direct", "consecutive", "centred")
+
+    def __init__(
+        self,
+        data: LegMeasurements,
+        *,
+        unknown: tuple[str, ...] | list[str] | None = None,
+        platform_point: Known | None = None,
+        base_point: Known | None = None,
+        offset: Known | None = None,
+        gain: Known | None = None,
+    ) -> None:
+        name = type(self).__name__
+        if not isinstance(data, LegMeasurements):
+            raise InputError(
+                f"{name}: expected LegMeasurements, got {type(data).__name__}; "
+                "for six readings write data.leg(k)"
+            )
+        if data.lock not in self.locks:
+            wanted = " or ".join(repr(str(lock)) for lock in self.locks)
+            raise LockError(f"{name} holds under the lock {wanted}, the data has {str(data.lock)!r}")
+        given = {"platform_point": platform_point, "base_point": base_point, "offset": offset, "gain": gain}
+        self.data = data
+        self.unknown = self._check_unknown(unknown, given)
+        self._known, self._known_roots = self._collect_known(given)
+        unit = data.length_unit
+        self.parameters = Parameters(
+            tuple(Block(key, LEG_BLOCKS[key], unit if key != "gain" else f"{unit}/reading") for key in self.unknown)
+            + tuple(
+                Block(key, size, self.nuisance_unit.format(unit=unit), nuisance=True)
+                for key, size in self.nuisance.items()
+            )
+        )
+
+    # --- what a subclass writes -------------------------------------------------------------------
+
+    @abstractmethod
+    def _misclosure(self, blocks: Mapping[str, Array]) -> Array:
+        """g_i for full blocks by name (each (..., size)), shape (..., n, d)."""
+
+    @abstractmethod
+    def _columns(self, blocks: Mapping[str, Array]) -> dict[str, Array]:
+        """∂g_i/∂block for every involved and nuisance block, each broadcastable to (..., n, d, size)."""
+
+    @abstractmethod
+    def _noise_columns(self, blocks: Mapping[str, Array]) -> Array:
+        """∂g_i/∂(δP, δω, δρ), shape (..., n, d, 7)."""
+
+    def _nuisance_values(self, blocks: Mapping[str, Array]) -> dict[str, Array]:
+        """The nuisance that fits the leg's blocks best, in closed form."""
+        return {}
+
+    @property
+    @abstractmethod
+    def minimum_poses(self) -> int:
+        """How few poses determine the unknowns, in general position."""
+
+    # --- known and unknown ------------------------------------------------------------------------
+
+    def _check_unknown(self, unknown: Any, given: Mapping[str, Any]) -> tuple[str, ...]:
+        names = self.default_unknown if unknown is None else tuple([unknown] if isinstance(unknown, str) else unknown)
+        strange = [name for name in names if name not in self.involved]
+        if strange or not names:
+            raise InputError(
+                f"unknown: {type(self).__name__} can estimate {', '.join(self.involved)}; got {names or 'nothing'}"
+            )
+        both = [name for name in names if given[name] is not None]
+        if both:
+            raise InputError(f"{', '.join(both)}: both given and unknown; name the unknown ones by unknown=(…)")
+        return tuple(name for name in LEG_BLOCKS if name in names)
+
+    def _collect_known(self, given: Mapping[str, Any]) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Values of the known blocks (..., size), and roots of the covariance of those that have one."""
+        values, roots = {}, {}
+        for name in self.involved:
+            if name in self.unknown:
+                continue
+            value = given[name]
+            if isinstance(value, Estimate):
+                values[name] = value.params[name]
+                if value.covariance is not None:
+                    roots[name] = _square_root(value.covariance_of(name))
+            elif value is not None:
+                size = LEG_BLOCKS[name]
+                array = as_array(name, value, (size,) if size > 1 else ())
+                values[name] = array if size > 1 else array[..., None]
+            elif self.data.nominal is not None:
+                values[name] = self.data.nominal.block(name)
+            else:
+                raise InputError(
+                    f"{name}: {type(self).__name__} needs it; give {name}=…, or measurements with nominal=robot.leg(k)"
+                )
+        return values, roots
+
+    def values(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
+        """A full vector of values (..., p) from values, a :class:`Leg` or an :class:`Estimate`.
+
+        What `x` does not say of the nuisance is filled in with what fits the data best.
+        """
+        if isinstance(x, Leg):
+            parts = {name: x.block(name) for name in self.unknown}
+        elif isinstance(x, Estimate):
+            parts = {name: value for name, value in x.params.items() if name in self.parameters}
+        else:
+            main = self.parameters.main
+            vector = np.asarray(x, dtype=float)
+            if vector.shape[-1:] == (self.parameters.size,):
+                return vector
+            if vector.shape[-1:] != (main.size,):
+                raise InputError(
+                    f"values: expected {self.parameters.size} ({', '.join(self.parameters.names)}) or "
+                    f"{main.size} without the nuisance, got shape {vector.shape}"
+                )
+            parts = main.split(vector)
+        missing = [name for name in self.unknown if name not in parts]
+        if missing:
+            raise InputError(f"values: {', '.join(missing)} missing")
+        if any(name not in parts for name in self.nuisance):
+            parts |= self._nuisance_values({**self._known, **parts})
+        shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts.values()))
+        ordered = [np.broadcast_to(parts[name], (*shape, parts[name].shape[-1])) for name in self.parameters.names]
+        return np.concatenate(ordered, axis=-1)
+
+    def _blocks(self, x: npt.ArrayLike | Leg | Estimate) -> dict[str, Array]:
+        return {**self._known, **self.parameters.split(self.values(x))}
+
+    # --- the equation -----------------------------------------------------------------------------
+
+    def residual(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
+        r"""The direct misclosure :math:`g_i(x)`, shape (..., n, d)."""
+        return self._misclosure(self._blocks(x))
+
+    def jacobian(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
+        r""":math:`G_i = \partial g_i/\partial x`, shape (..., n, d, p)."""
+        columns = self._columns(self._blocks(x))
+        shape = np.broadcast_shapes(*(column.shape[:-1] for column in columns.values()))
+        out = np.empty((*shape, self.parameters.size))
+        for name in self.parameters.names:
+            out[..., self.parameters[name]] = columns[name]
+        return out
+
+    def noise_jacobian(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
+        r""":math:`B_i = \partial g_i/\partial(\delta P, \delta\omega, \delta\rho)`, shape (..., n, d, 7)."""
+        return self._noise_columns(self._blocks(x))
+
+    def known_jacobian(self, x: npt.ArrayLike | Leg | Estimate, name: str) -> Array:
+        r""":math:`\partial g_i/\partial k` by a *known* block k, shape (..., n, d, size)."""
+        return self._columns(self._blocks(x))[name]
+
+    def covariance(self, values: Array) -> RowCovariance:
+        r"""Covariance of the direct rows at `values`: :math:`S_i = B_i\Sigma_i B_i^T`, and what all poses share.
+
+        Raises
+        ------
+        InputError
+            If the data has no noise model.
+        """
+        noise = self.data.noise
+        if noise is None:
+            raise InputError(f"{type(self).__name__}: the measurements have no noise model; give them noise=…")
+        blocks = self._blocks(values)
+        jacobian = self._noise_columns(blocks)
+        own = jacobian @ noise.covariance(self.data.rotation) @ np.swapaxes(jacobian, -1, -2)
+        shared = []
+        common = noise.common()
+        if common is not None:
+            shared.append(jacobian @ _square_root(common))
+        if self._known_roots:
+            columns = self._columns(blocks)
+            shared += [columns[name] @ root[..., None, :, :] for name, root in self._known_roots.items()]
+        if not shared:
+            return RowCovariance(own)
+        shape = own.shape[:-2]
+        wide = [np.broadcast_to(part, (*shape, *part.shape[-2:])) for part in shared]
+        return RowCovariance(own, np.concatenate(wide, axis=-1))
+
+    # --- linear problems --------------------------------------------------------------------------
+
+    def linear(self, form: str = "direct", at: npt.ArrayLike | Leg | Estimate | None = None) -> LinearProblem:
+        r"""The equations as :math:`A x = y` in one of three forms.
+
+        Parameters
+        ----------
+        form : {"direct", "consecutive", "centred"}
+            "direct" keeps the nuisance as unknowns, one block row a pose; "consecutive" takes the
+            paper's differences of neighbours; "centred" subtracts the mean over poses.
+        at : values, Leg or Estimate, optional
+            Where the covariance of the rows is evaluated for weights; by default at the unweighted
+            solution, so that neither a guess nor the truth leaks in.
+
+        Returns
+        -------
+        LinearProblem
+
+        Raises
+        ------
+        InputError
+            For an unknown form, or unknowns in which the equation is not linear.
+        """
+        name = type(self).__name__
+        if form not in self.forms:
+            raise InputError(f"form: {name} offers {', '.join(self.forms)}; got {form!r}")
+        if not any(set(self.unknown) <= names for names in self.linear_in):
+            options = " or ".join("{" + ", ".join(sorted(names)) + "}" for names in self.linear_in)
+            raise InputError(
+                f"{name} is linear in {options}, not in {{{', '.join(self.unknown)}}} together; "
+                "give some of them as known, or use a nonlinear estimator on the loop itself"
+            )
+        zero = np.zeros((*self.data.batch_shape, self.parameters.size))
+        matrix, rhs = self.jacobian(zero), -self.residual(zero)
+        multiplier: Form = Direct()
+        parameters = self.parameters
+        if form != "direct":
+            multiplier = self._consecutive() if form == "consecutive" else Centred()
+            parameters = parameters.main
+            matrix = multiplier.apply(matrix[..., : parameters.size])
+            rhs = multiplier.apply(rhs[..., None])[..., 0]
+        flat = (-1,) if self.data.n_poses > (form == "consecutive") else (0,)
+        batch = rhs.shape[:-2]
+        return LinearProblem(
+            matrix.reshape(*batch, *flat, parameters.size),
+            rhs.reshape(*batch, *flat),
+            parameters,
+            rows_per_block=self.rows,
+            form=multiplier,
+            noise=self if self.data.noise is not None else None,
+            at=None if at is None else self.values(at),
+            minimum_poses=self.minimum_poses,
+            name=name,
+        )
+
+    def _consecutive(self) -> Consecutive:
+        """Plain differences of neighbours; each eliminates a nuisance that is the same in all poses."""
+        ones = np.ones(self.data.n_poses - 1)
+        return Consecutive(ones, ones)
+
+    # --- shared pieces ----------------------------------------------------------------------------
+
+    def _arm(self, blocks: Mapping[str, Array]) -> Array:
+        """R_i b, shape (..., n, 3)."""
+        return matvec(self.data.rotation, blocks["platform_point"][..., None, :])
+
+    def _true_length(self, blocks: Mapping[str, Array]) -> Array:
+        """γρ_i + δ, shape (..., n)."""
+        return blocks["gain"] * self.data.readings() + blocks["offset"]
+
+
+def _square_root(covariance: Array) -> Array:
+    """A factor F with F F' = covariance, for positive semidefinite input."""
+    values, vectors = np.linalg.eigh(covariance)
+    factor: Array = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    return factor
+
+
+def cross_columns(arm: Array) -> Array:
+    r"""∂(R b)/∂ω = −[R b]×, shape (..., 3, 3), without the checks of :func:`rotations.skew`."""
+    out = np.zeros((*arm.shape, 3))
+    out[..., 1, 2], out[..., 2, 0], out[..., 0, 1] = arm[..., 0], arm[..., 1], arm[..., 2]
+    out[..., 2, 1], out[..., 0, 2], out[..., 1, 0] = -arm[..., 0], -arm[..., 1], -arm[..., 2]
+    return out

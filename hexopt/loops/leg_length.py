@@ -1,0 +1,87 @@
+"""Any pose: the leg's length by inverse kinematics (Daney 1998, eq. 18–19)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..arrays import Array, norm
+from ..measurements import Lock
+from .base import Loop, cross_columns
+
+__all__ = ["LegLength"]
+
+
+class LegLength(Loop):
+    r"""The reading agrees with the geometry: :math:`g_i = \lVert P_i + R_i b - a\rVert - \gamma\rho_i - \delta`.
+
+    Holds in any pose. With a and b known it is linear: ``unknown=("offset",)`` is the paper's equation
+    (19), over one or many poses; ``unknown=("offset", "gain")`` finds the gain as well. With a and b
+    unknown it is the inverse-kinematics calibration of Masory, Wang and Zhuang, for
+    :class:`~hexopt.InverseKinematics`: Model 36 (b, a), 42 (and offset), 48 (and gain).
+
+    Parameters
+    ----------
+    data : LegMeasurements
+        Under any lock, with readings.
+    unknown : sequence of str, default ("platform_point", "base_point", "offset")
+    platform_point, base_point, offset, gain : array_like or Estimate, optional
+        Known values; by default the nominal's.
+
+    References
+    ----------
+    Daney (1998), eq. (18)–(19). Masory, Wang and Zhuang (1993).
+
+    Examples
+    --------
+    >>> import hexopt as hx
+    >>> robot = hx.robots.left_hand()
+    >>> leg = robot.leg(3)
+    >>> data = hx.simulate_leg(robot, leg=3, lock="none", n_poses=1, rng=0)
+    >>> loop = hx.loops.LegLength(data, unknown=("offset",), platform_point=leg.platform_point,
+    ...                           base_point=leg.base_point)
+    >>> hx.estimate(loop.linear(), hx.LeastSquares()).values.round(9)
+    array([15.25])
+    """
+
+    locks = tuple(Lock)
+    default_unknown = ("platform_point", "base_point", "offset")
+    involved = ("platform_point", "base_point", "offset", "gain")
+    linear_in = (frozenset({"offset", "gain"}),)
+    rows = 1
+    forms = ("direct",)
+
+    @property
+    def minimum_poses(self) -> int:
+        """As many poses as unknowns."""
+        return self.parameters.size
+
+    def _vectors(self, blocks: Mapping[str, Array]) -> Array:
+        vectors: Array = self.data.position + self._arm(blocks) - blocks["base_point"][..., None, :]
+        return vectors
+
+    def _misclosure(self, blocks: Mapping[str, Array]) -> Array:
+        return (norm(self._vectors(blocks)) - self._true_length(blocks))[..., None]
+
+    def _unit(self, blocks: Mapping[str, Array]) -> Array:
+        vectors = self._vectors(blocks)
+        unit: Array = vectors / norm(vectors)[..., None]
+        return unit
+
+    def _columns(self, blocks: Mapping[str, Array]) -> dict[str, Array]:
+        unit = self._unit(blocks)
+        return {
+            "platform_point": np.einsum("...ni,...nij->...nj", unit, self.data.rotation)[..., None, :],
+            "base_point": -unit[..., None, :],
+            "offset": np.full((*unit.shape[:-1], 1, 1), -1.0),
+            "gain": -self.data.readings()[..., None, None],
+        }
+
+    def _noise_columns(self, blocks: Mapping[str, Array]) -> Array:
+        unit = self._unit(blocks)
+        out = np.zeros((*unit.shape[:-1], 1, 7))
+        out[..., 0, :3] = unit
+        out[..., 0, 3:6] = np.einsum("...ni,...nij->...nj", unit, cross_columns(self._arm(blocks)))
+        out[..., 0, 6] = -blocks["gain"]
+        return out

@@ -1,0 +1,1 @@
+"""Numerical building blocks: batched, checked, ignorant of robots."""

@@ -1,0 +1,93 @@
+r"""Forms of the same equations: left multipliers D of the direct rows, one block row a pose.
+
+A form takes block rows (..., n, d, c) to new block rows (..., k, d, c) and acts on the pose index
+alone: :math:`D \otimes I_d`. It never changes what the equations say, only how errors are shared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..arrays import Array
+
+__all__ = ["Centred", "Consecutive", "Direct", "Form"]
+
+
+class Form(Protocol):
+    """A left multiplier, with its adjoint."""
+
+    @property
+    def name(self) -> str:
+        """What the user calls it."""
+        ...
+
+    def apply(self, rows: Array) -> Array:
+        """D rows, for rows (..., n, d, c)."""
+        ...
+
+    def adjoint(self, rows: Array) -> Array:
+        """D' rows, for rows (..., k, d, c)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Direct:
+    """The identity: rows of different poses are independent."""
+
+    name: str = "direct"
+
+    def apply(self, rows: Array) -> Array:
+        """The rows themselves."""
+        return rows
+
+    def adjoint(self, rows: Array) -> Array:
+        """The rows themselves."""
+        return rows
+
+
+@dataclass(frozen=True)
+class Centred:
+    """Minus the mean over poses; the covariance of the result is singular."""
+
+    name: str = "centred"
+
+    def apply(self, rows: Array) -> Array:
+        """Rows minus their mean."""
+        return rows - rows.mean(axis=-3, keepdims=True)
+
+    def adjoint(self, rows: Array) -> Array:
+        """The same: the projection is symmetric."""
+        return self.apply(rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Consecutive:
+    """The paper's differences: row i is ``later_i · g_{i+1} − earlier_i · g_i``.
+
+    Parameters
+    ----------
+    later, earlier : ndarray, shape (..., n − 1)
+        Weights; both 1 for Types II and III, the neighbours' lengths for Type I (eq. 5).
+    """
+
+    later: Array
+    earlier: Array
+    name: str = "consecutive"
+
+    def apply(self, rows: Array) -> Array:
+        """Weighted differences of neighbours."""
+        difference: Array = (
+            self.later[..., None, None] * rows[..., 1:, :, :] - self.earlier[..., None, None] * rows[..., :-1, :, :]
+        )
+        return difference
+
+    def adjoint(self, rows: Array) -> Array:
+        """The transpose of :meth:`apply`."""
+        shape = np.broadcast_shapes(rows.shape[:-2], self.later.shape)
+        out = np.zeros((*shape[:-1], shape[-1] + 1, *rows.shape[-2:]))
+        out[..., 1:, :, :] += self.later[..., None, None] * rows
+        out[..., :-1, :, :] -= self.earlier[..., None, None] * rows
+        return out

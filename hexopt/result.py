@@ -1,0 +1,285 @@
+"""What every estimator returns, and the one function that runs them all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from .arrays import Array, BoolArray, norm
+from .errors import EstimationError, InputError, RankDeficientError
+from .geometry import Leg
+from .geometry.leg import LEG_BLOCKS
+from .parameters import Parameters
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Estimate", "Estimator", "Status", "estimate"]
+
+
+class Status(IntEnum):
+    """How an estimation ended; only OPTIMAL is a success."""
+
+    OPTIMAL = 0
+    INACCURATE = 1
+    RANK_DEFICIENT = 2
+    NOT_CONVERGED = 3
+    INFEASIBLE = 4
+    FAILED = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Estimated parameters of one problem or a batch, and how sure they are.
+
+    Attributes
+    ----------
+    values : ndarray, shape (..., p)
+        NaN where the status is no success.
+    parameters : Parameters
+        Names, units and places of the p values.
+    codes : ndarray of int, shape (...)
+        :class:`Status` of every problem; see :attr:`status`.
+    covariance : ndarray, shape (..., p, p), or None
+        Then `covariance_kind` says why.
+    covariance_kind : str
+        "sandwich", "model", "residual" or "posterior"; or the reason for None.
+    objective : ndarray, shape (...)
+        Value of the estimator's programme at `values`.
+    gap : ndarray, shape (...)
+        Objective minus a lower bound computed from `values`; NaN without a certificate.
+    condition : ndarray, shape (...)
+        Condition number of the (column-scaled) matrix; NaN if not computed.
+    degrees_of_freedom : int
+    chi2 : ndarray, shape (...), or None
+        Weighted sum of squared residuals; None for unweighted estimates.
+    influence : ndarray, shape (..., p, n, d), or None
+        ∂values/∂(direct rows), by which the errors of poses are carried on.
+    iterations : ndarray of int, shape (...)
+        0 for closed forms.
+    duals : dict of str to ndarray
+        Multipliers of constraints by name.
+    estimator : str
+    unseen : tuple of str
+        Where a problem is rank deficient: the combinations that its matrix does not see.
+    """
+
+    values: Array
+    parameters: Parameters
+    codes: npt.NDArray[np.int8]
+    covariance: Array | None
+    covariance_kind: str
+    objective: Array
+    gap: Array
+    condition: Array
+    degrees_of_freedom: int
+    chi2: Array | None = None
+    influence: Array | None = None
+    iterations: npt.NDArray[np.int64] = field(default_factory=lambda: np.array(0))
+    duals: Mapping[str, Array] = field(default_factory=dict)
+    estimator: str = ""
+    unseen: tuple[str, ...] = ()
+
+    @property
+    def params(self) -> dict[str, Array]:
+        """The values by block name: "base_point" → (..., 3), …"""
+        return self.parameters.split(self.values)
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading dimensions: () for one problem."""
+        return self.values.shape[:-1]
+
+    @property
+    def status(self) -> Any:
+        """A :class:`Status` for one problem, an object array of them for a batch."""
+        if not self.batch_shape:
+            return Status(int(self.codes))
+        return np.array([Status(int(code)) for code in self.codes.flat], dtype=object).reshape(self.batch_shape)
+
+    @property
+    def ok(self) -> Any:
+        """Whether the status is a success: a bool, or an array of them."""
+        good: BoolArray = np.asarray(self.codes) == Status.OPTIMAL
+        return good if self.batch_shape else bool(good)
+
+    @property
+    def standard_errors(self) -> Array:
+        """Square roots of the covariance's diagonal, shape (..., p)."""
+        if self.covariance is None:
+            raise InputError(f"there is no covariance: {self.covariance_kind}")
+        return np.sqrt(np.einsum("...ii->...i", self.covariance))
+
+    def covariance_of(self, *names: str) -> Array:
+        """The covariance of some blocks, in the given order."""
+        if self.covariance is None:
+            raise InputError(f"there is no covariance: {self.covariance_kind}")
+        index = np.concatenate([np.arange(self.parameters.size)[self.parameters[name]] for name in names])
+        return self.covariance[..., index[:, None], index]
+
+    def error(self, leg: Leg) -> dict[str, Array]:
+        r"""Euclidean error of every leg block, :math:`\lVert \hat b - b\rVert` and so on, by name.
+
+        Parameters
+        ----------
+        leg : Leg
+            The truth.
+
+        References
+        ----------
+        Daney (1998), section 4: the error index.
+        """
+        return {
+            name: norm(values - leg.block(name)) for name, values in self.params.items() if name in LEG_BLOCKS
+        }
+
+    def __getitem__(self, index: Any) -> Estimate:
+        """One problem of a batch, or some."""
+        if not self.batch_shape:
+            raise InputError("this estimate is of one problem, not of a batch")
+
+        def pick(value: Any) -> Any:
+            return None if value is None else value[index]
+
+        names = ("values", "codes", "covariance", "objective", "gap", "condition", "chi2", "influence")
+        iterations = self.iterations if self.iterations.ndim == 0 else self.iterations[index]
+        return replace(
+            self,
+            **{name: pick(getattr(self, name)) for name in names},
+            iterations=iterations,
+            duals={name: value[index] for name, value in self.duals.items()},
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """A tidy pandas table: one row a problem and parameter."""
+        import pandas as pd
+
+        count, size = int(np.prod(self.batch_shape)), self.parameters.size
+        errors = np.full((count, size), np.nan) if self.covariance is None else self.standard_errors
+        units = [block.unit for block in self.parameters for _ in range(block.size)]
+        return pd.DataFrame(
+            {
+                "problem": np.repeat(np.arange(count), size),
+                "parameter": list(self.parameters.labels) * count,
+                "value": self.values.reshape(-1),
+                "standard_error": errors.reshape(-1),
+                "unit": units * count,
+                "status": np.repeat([Status(int(code)).name for code in np.ravel(self.codes)], size),
+            }
+        )
+
+    def summary(self) -> str:
+        """A readable report: values, units, standard errors, fit and certificate."""
+        if self.batch_shape:
+            return self._batch_summary()
+        lines = [f"{self.estimator}: {Status(int(self.codes)).name}"]
+        errors = None if self.covariance is None else self.standard_errors
+        position = 0
+        for block in self.parameters:
+            for label in block.labels:
+                sure = "" if errors is None else f" ± {errors[position]:.3g}"
+                note = "  (nuisance)" if block.nuisance else ""
+                lines.append(f"  {label:<20s} {self.values[position]: .6f}{sure} {block.unit}{note}")
+                position += 1
+        lines.append(f"  ± is one standard error ({self.covariance_kind} covariance)" if errors is not None
+                     else f"  no standard errors: {self.covariance_kind}")
+        fit = f"  degrees of freedom {self.degrees_of_freedom}"
+        if self.chi2 is not None:
+            fit += f", χ² {float(self.chi2):.4g}"
+        lines.append(f"{fit}, objective {float(self.objective):.4g}, gap {float(self.gap):.1e}, "
+                     f"condition {float(self.condition):.3g}")
+        return "\n".join(lines)
+
+    def _batch_summary(self) -> str:
+        counts = {status.name: int((self.codes == status).sum()) for status in Status}
+        text = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+        lines = [f"{self.estimator}: a batch of {self.batch_shape}: {text}"]
+        good = self.values[self.codes == Status.OPTIMAL]
+        if len(good):
+            for label, mean, spread in zip(self.parameters.labels, good.mean(axis=0), good.std(axis=0), strict=True):
+                lines.append(f"  {label:<20s} mean {mean: .6f}, spread {spread:.3g}")
+        return "\n".join(lines)
+
+
+class Estimator(Protocol):
+    """An estimator is a value with settings; it says what it accepts and has one method, `fit`."""
+
+    @property
+    def accepts(self) -> tuple[type, ...]:
+        """The kinds of target that `fit` takes."""
+        ...
+
+    @property
+    def hint(self) -> str:
+        """What to write when the target is of another kind."""
+        ...
+
+    def fit(self, target: Any) -> Estimate:
+        """Estimate the parameters of `target`, a member of a batch failing alone."""
+        ...
+
+
+def estimate(target: Any, estimator: Estimator, throw: bool | None = None) -> Estimate:
+    """Estimate the parameters of a linear problem or a loop equation.
+
+    Parameters
+    ----------
+    target : LinearProblem or loop
+        What the estimator accepts.
+    estimator : Estimator
+        For example ``LeastSquares()``; settings are in its constructor.
+    throw : bool, optional
+        Raise if a problem has no trustworthy answer (True), or return NaN and a status (False). By
+        default raise for a single problem, not for a batch. A wrong call always raises.
+
+    Returns
+    -------
+    Estimate
+
+    Raises
+    ------
+    InputError
+        If the estimator does not take this target; the message says what to write.
+    RankDeficientError
+        If the parameters are not determined; the message names the unseen combinations.
+    EstimationError
+        For any other failure, under `throw`.
+
+    Examples
+    --------
+    >>> import hexopt as hx
+    >>> robot = hx.robots.left_hand()
+    >>> data = hx.simulate_leg(robot, leg=3, lock="leg", n_poses=5, n_sets=2, rng=0)
+    >>> found = hx.estimate(hx.loops.FixedLeg(data).linear(), hx.LeastSquares())
+    >>> bool((found.error(robot.leg(3))["platform_point"] < 1e-12).all())
+    True
+    """
+    if not isinstance(target, estimator.accepts):
+        wanted = " or ".join(kind.__name__ for kind in estimator.accepts)
+        raise InputError(
+            f"{type(estimator).__name__} takes a {wanted}, got {type(target).__name__}: {estimator.hint}"
+        )
+    result = estimator.fit(target)
+    if throw is None:
+        throw = not result.batch_shape
+    if throw and not np.all(result.ok):
+        _raise(result)
+    return result
+
+
+def _raise(result: Estimate) -> None:
+    bad = np.ravel(result.codes)[np.ravel(result.codes) != Status.OPTIMAL]
+    share = f" in {bad.size} of {result.codes.size} problems" if result.batch_shape else ""
+    worst = Status(int(bad[0]))
+    if worst is Status.RANK_DEFICIENT:
+        raise RankDeficientError(
+            f"{result.estimator}: the measurements{share} do not determine all parameters; unseen: "
+            f"{'; '.join(result.unseen)}. Add poses that differ, or give these values as known",
+            result.unseen,
+        )
+    raise EstimationError(f"{result.estimator}: ended with status {worst.name}{share}; no value can be trusted")
