@@ -29,12 +29,17 @@ _HOMES = {
     "problem": "LinearProblem",
     "result": "Estimate Status estimate",
     "simulation": "simulate simulate_leg",
+    "losses": "Quadratic",
+    "estimators.convex": "ConvexEstimator",
+    "estimators.inverse_kinematics": "InverseKinematics",
     "estimators.least_squares": "LeastSquares",
+    "calibration": "Calibration FreePoses OneStep ThreeStep calibrate",
+    "readers": "read_measurements write_measurements",
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
 _MODULES = ("errors", "loops", "robots", "rotations")
 
-__all__ = sorted([*_HOME_OF, *_MODULES, "__version__"])  # noqa: PLE0605  # built from the table above
+__all__ = sorted([*_HOME_OF, *_MODULES, "__version__"])  # built from the table above
 
 
 def __getattr__(name: str) -> Any:

@@ -75,7 +75,9 @@ def inverse_kinematics(robot: Hexapod, position: npt.ArrayLike, rotation: npt.Ar
     return (leg_lengths(robot, position, rotation) - robot.offsets) / robot.gains
 
 
-def limit_violations(robot: Hexapod, position: npt.ArrayLike, rotation: npt.ArrayLike) -> dict[str, BoolArray]:
+def limit_violations(
+    robot: Hexapod, position: npt.ArrayLike, rotation: npt.ArrayLike
+) -> dict[str, BoolArray]:
     """For every limit of the robot that binds: which poses violate it, by the limit's name.
 
     Returns

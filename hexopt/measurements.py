@@ -156,7 +156,9 @@ class LegMeasurements(_Poses):
         if not self.batch_shape:
             raise InputError("these measurements are one set, not a batch; use .poses(…) to choose poses")
         length = None if self.length is None else self.length[sets]
-        result: LegMeasurements = self._sliced(position=self.position[sets], rotation=self.rotation[sets], length=length)
+        result: LegMeasurements = self._sliced(
+            position=self.position[sets], rotation=self.rotation[sets], length=length
+        )
         return result
 
     def poses(self, index: Any) -> LegMeasurements:

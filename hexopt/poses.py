@@ -17,6 +17,7 @@ from .rotations import euler_to_matrix
 __all__ = ["limit_ranges", "sample_poses"]
 
 MAX_ROUNDS = 200
+PATIENCE = 10  # rounds after which a set gives up the direction or length that it holds
 LARGEST_DRAW = 2_000_000  # poses at once, so that memory stays bounded
 
 
@@ -69,7 +70,9 @@ class _Sampler:
             length = self.lengths((n_sets, 1))
         return direction, length
 
-    def poses(self, n_sets: int, n_poses: int, held: tuple[Array | None, Array | None]) -> tuple[Array, Array, Array]:
+    def poses(
+        self, n_sets: int, n_poses: int, held: tuple[Array | None, Array | None]
+    ) -> tuple[Array, Array, Array]:
         """Positions, rotations and true lengths of n_poses a set, with what is held."""
         shape = (n_sets, n_poses)
         direction, length = held
@@ -146,7 +149,11 @@ def sample_poses(
 
 
 class _Rejection:
-    """Fills every set with accepted poses; what a set holds is drawn together with its first pose."""
+    """Fills every set with accepted poses.
+
+    What a set holds is drawn together with its first pose, and drawn anew where it leaves hardly any
+    pose: held values are as frequent as they are useful.
+    """
 
     def __init__(
         self, sampler: _Sampler, inside: Callable[[Array, Array], BoolArray], n_sets: int, n_poses: int
@@ -161,10 +168,12 @@ class _Rejection:
         self.drawn = self.accepted = 0
 
     def run(self) -> tuple[Array, Array, Array]:
-        for _ in range(MAX_ROUNDS):
+        for turn in range(MAX_ROUNDS):
             todo = np.flatnonzero(self.filled < self.n_poses)
             if not todo.size:
                 return self.position, self.rotation, self.length
+            if self.sampler.lock is not Lock.NONE and turn % PATIENCE == PATIENCE - 1:
+                self.filled[todo] = 0
             self._round(todo)
         raise SamplingError(self._message())
 
@@ -196,8 +205,13 @@ class _Rejection:
 
     def _message(self) -> str:
         position, rotation, _ = self.sampler.poses(2000, 1, self.sampler.locked(2000))
-        refused = {name: float(bad.mean()) for name, bad in limit_violations(self.sampler.robot, position, rotation).items()}
-        worst = ", ".join(f"{name} refuses {share:.1%}" for name, share in sorted(refused.items(), key=lambda x: -x[1]))
+        refused = {
+            name: float(bad.mean())
+            for name, bad in limit_violations(self.sampler.robot, position, rotation).items()
+        }
+        worst = ", ".join(
+            f"{name} refuses {share:.1%}" for name, share in sorted(refused.items(), key=lambda x: -x[1])
+        )
         return (
             f"only {self.accepted} of {self.drawn} random poses ({self.accepted / self.drawn:.2g}) under the lock "
             f"{str(self.sampler.lock)!r} of leg {self.sampler.leg} were accepted"

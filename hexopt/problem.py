@@ -9,11 +9,11 @@ import numpy as np
 
 from .arrays import Array, as_array, matvec, transpose
 from .errors import InputError
-from .numerics.forms import Direct, Form
+from .numerics.forms import Centred, Direct, Form
 from .numerics.lstsq import solve_svd
 from .parameters import Parameters
 
-__all__ = ["ConstantRowNoise", "LinearProblem", "RowCovariance", "RowNoise"]
+__all__ = ["ConstantRowNoise", "LinearProblem", "RowCovariance", "RowNoise", "Whitening"]
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,29 @@ class ConstantRowNoise:
         return self.rows
 
 
+@dataclass(frozen=True)
+class Whitening:
+    """A block-diagonal left factor W.
+
+    Attributes
+    ----------
+    blocks : ndarray, shape (..., k, e, e)
+        Its k blocks: one a pose where rows of different poses are independent, else one in all.
+    """
+
+    blocks: Array
+
+    def apply(self, rows: Array) -> Array:
+        """W rows, for rows (..., m, c)."""
+        size = self.blocks.shape[-1]
+        split = rows.reshape(*rows.shape[:-2], -1, size, rows.shape[-1])
+        return (self.blocks @ split).reshape(rows.shape)
+
+    def after(self, gain: Array) -> Array:
+        """gain W, for a gain on whitened rows (..., p, m); W is symmetric."""
+        return transpose(self.apply(transpose(gain)))
+
+
 @dataclass(frozen=True, eq=False)
 class LinearProblem:
     r"""Equations :math:`A x \approx y`, in a form :math:`A = D A_\text{direct}`, with the noise of the rows.
@@ -93,8 +116,11 @@ class LinearProblem:
     --------
     >>> import numpy as np
     >>> from hexopt import Block, LinearProblem, Parameters, LeastSquares, estimate
-    >>> line = LinearProblem(np.array([[1, 0], [1, 1], [1, 2.0]]), np.array([1, 3, 5.0]),
-    ...                      Parameters((Block("level", 1, "cm"), Block("slope", 1, "cm/s"))))
+    >>> line = LinearProblem(
+    ...     np.array([[1, 0], [1, 1], [1, 2.0]]),
+    ...     np.array([1, 3, 5.0]),
+    ...     Parameters((Block("level", 1, "cm"), Block("slope", 1, "cm/s"))),
+    ... )
     >>> estimate(line, LeastSquares()).values.round(12)
     array([1., 2.])
     """
@@ -117,7 +143,9 @@ class LinearProblem:
         if self.matrix.shape[-2] == 0:
             raise InputError(f"{self.name}: there is no equation; are there any poses?")
         if self.matrix.shape[-2] % self.rows_per_block:
-            raise InputError(f"{self.matrix.shape[-2]} rows are no multiple of rows_per_block={self.rows_per_block}")
+            raise InputError(
+                f"{self.matrix.shape[-2]} rows are no multiple of rows_per_block={self.rows_per_block}"
+            )
         if self.at is not None:
             object.__setattr__(self, "at", as_array("at", self.at, (self.parameters.size,)))
 
@@ -153,16 +181,11 @@ class LinearProblem:
             values = self.at if self.at is not None else solve_svd(self.matrix, self.rhs).values
         return self.noise.covariance(values)
 
-    def whitened(self) -> tuple[Array, Array]:
-        r"""Rows in units of their standard deviation: :math:`(W A, W y)` with :math:`W = (D S D^T)^{-1/2}`.
+    def whitening(self) -> Whitening:
+        r"""The symmetric root :math:`W = (D S D^T)^{-1/2}` that makes rows count in standard deviations.
 
-        W is the symmetric root, so a whitened row still belongs to its own row, and a threshold of
-        1.345 means 1.345 σ. Where :math:`D S D^T` is singular by construction (the centred form) the
-        root is that of the pseudo-inverse.
-
-        Returns
-        -------
-        matrix, rhs : ndarray, shape (..., m, p) and (..., m)
+        A whitened row still belongs to its own row, and a threshold of 1.345 means 1.345 σ. Where
+        :math:`D S D^T` is singular by construction (the centred form) W is the root of its pseudo-inverse.
 
         Raises
         ------
@@ -170,38 +193,39 @@ class LinearProblem:
             If the noise is unknown, or leaves some row without any error.
         """
         covariance = self.row_covariance()
-        stacked = np.concatenate([self.matrix, self.rhs[..., None]], axis=-1)
         if isinstance(self.form, Direct) and covariance.common is None:
-            blocks = stacked.reshape(*self.batch_shape, -1, self.rows_per_block, stacked.shape[-1])
-            white = (self._inverse_root(covariance.blocks, 0) @ blocks).reshape(stacked.shape)
-        else:
-            dense = self._dense(covariance)
-            singular = self.rows_per_block if self.form.name == "centred" else 0
-            white = self._inverse_root(dense, singular) @ stacked
-        return white[..., :-1], white[..., -1]
+            return Whitening(self._inverse_root(covariance.blocks, 0))
+        singular = self.rows_per_block if isinstance(self.form, Centred) else 0
+        return Whitening(self._inverse_root(self._dense(covariance), singular)[..., None, :, :])
+
+    def whitened(self) -> tuple[Array, Array]:
+        """Matrix and right-hand side under :meth:`whitening`, shapes (..., m, p) and (..., m)."""
+        root = self.whitening()
+        return root.apply(self.matrix), root.apply(self.rhs[..., None])[..., 0]
 
     def _dense(self, covariance: RowCovariance) -> Array:
         """D S D', (..., m, m)."""
         n, d = covariance.blocks.shape[-3:-1]
-        dense = np.zeros((*covariance.blocks.shape[:-3], n, d, n, d))
-        pose = np.arange(n)
-        # two index arrays split by a slice: NumPy puts the pose axis first
-        dense[..., pose, :, pose, :] = np.moveaxis(covariance.blocks, -3, 0)
-        dense = dense.reshape(*dense.shape[:-4], n, d, n * d)
+        batch = covariance.blocks.shape[:-3]
+        direct = np.zeros((*batch, n * d, n * d))
+        for i in range(n):
+            own = slice(i * d, (i + 1) * d)
+            direct[..., own, own] = covariance.blocks[..., i, :, :]
         if covariance.common is not None:
-            flat = covariance.common.reshape(*covariance.common.shape[:-3], n * d, -1)
-            dense = dense + (flat @ transpose(flat)).reshape(dense.shape[:-3] + (n, d, n * d))
-        left = self.form.apply(dense)  # (..., k, d, n d)
-        m = left.shape[-3] * d
-        right = transpose(left.reshape(*left.shape[:-3], m, n * d))
-        both = self.form.apply(right.reshape(*right.shape[:-2], n, d, m))
-        return both.reshape(*both.shape[:-3], m, m)
+            factor = covariance.common.reshape(*covariance.common.shape[:-3], n * d, -1)
+            direct = direct + factor @ transpose(factor)
+        return self._form_rows(transpose(self._form_rows(direct)))
+
+    def _form_rows(self, direct: Array) -> Array:
+        """D applied to the rows of (..., n d, c)."""
+        blocks = direct.reshape(*direct.shape[:-2], -1, self.rows_per_block, direct.shape[-1])
+        formed = self.form.apply(blocks)
+        return formed.reshape(*formed.shape[:-3], -1, direct.shape[-1])
 
     def _inverse_root(self, covariance: Array, singular: int) -> Array:
         """Symmetric inverse square root; the `singular` smallest eigenvalues are known to be zero."""
         values, vectors = np.linalg.eigh(covariance)
-        smallest = values[..., singular] if values.shape[-1] > singular else values[..., -1]
-        if not (smallest > 1e-13 * values[..., -1]).all():
+        if not (values[..., singular] > 1e-13 * values[..., -1]).all():
             raise InputError(
                 f"{self.name}: the noise model leaves some equations without any error, so they cannot be "
                 "weighted; give every reading that enters them a noise level > 0, or use weights=None"

@@ -100,7 +100,9 @@ class Estimate:
         """A :class:`Status` for one problem, an object array of them for a batch."""
         if not self.batch_shape:
             return Status(int(self.codes))
-        return np.array([Status(int(code)) for code in self.codes.flat], dtype=object).reshape(self.batch_shape)
+        return np.array([Status(int(code)) for code in self.codes.flat], dtype=object).reshape(
+            self.batch_shape
+        )
 
     @property
     def ok(self) -> Any:
@@ -186,13 +188,18 @@ class Estimate:
                 note = "  (nuisance)" if block.nuisance else ""
                 lines.append(f"  {label:<20s} {self.values[position]: .6f}{sure} {block.unit}{note}")
                 position += 1
-        lines.append(f"  ± is one standard error ({self.covariance_kind} covariance)" if errors is not None
-                     else f"  no standard errors: {self.covariance_kind}")
+        lines.append(
+            f"  ± is one standard error ({self.covariance_kind} covariance)"
+            if errors is not None
+            else f"  no standard errors: {self.covariance_kind}"
+        )
         fit = f"  degrees of freedom {self.degrees_of_freedom}"
         if self.chi2 is not None:
             fit += f", χ² {float(self.chi2):.4g}"
-        lines.append(f"{fit}, objective {float(self.objective):.4g}, gap {float(self.gap):.1e}, "
-                     f"condition {float(self.condition):.3g}")
+        lines.append(
+            f"{fit}, objective {float(self.objective):.4g}, gap {float(self.gap):.1e}, "
+            f"condition {float(self.condition):.3g}"
+        )
         return "\n".join(lines)
 
     def _batch_summary(self) -> str:
@@ -201,7 +208,9 @@ class Estimate:
         lines = [f"{self.estimator}: a batch of {self.batch_shape}: {text}"]
         good = self.values[self.codes == Status.OPTIMAL]
         if len(good):
-            for label, mean, spread in zip(self.parameters.labels, good.mean(axis=0), good.std(axis=0), strict=True):
+            for label, mean, spread in zip(
+                self.parameters.labels, good.mean(axis=0), good.std(axis=0), strict=True
+            ):
                 lines.append(f"  {label:<20s} mean {mean: .6f}, spread {spread:.3g}")
         return "\n".join(lines)
 
@@ -282,4 +291,6 @@ def _raise(result: Estimate) -> None:
             f"{'; '.join(result.unseen)}. Add poses that differ, or give these values as known",
             result.unseen,
         )
-    raise EstimationError(f"{result.estimator}: ended with status {worst.name}{share}; no value can be trusted")
+    raise EstimationError(
+        f"{result.estimator}: ended with status {worst.name}{share}; no value can be trusted"
+    )

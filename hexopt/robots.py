@@ -33,7 +33,9 @@ def left_hand() -> Hexapod:
         offsets=np.full(6, 15.25),
         length_unit="cm",
         home_position=np.array([0.0, 0.0, 19.0]),
-        limits=Limits(leg_length=(17.25, 25.25), base_tilt=d(45), angles=(d(25), d(25), d(25)), sequence="xyz"),
+        limits=Limits(
+            leg_length=(17.25, 25.25), base_tilt=d(45), angles=(d(25), d(25), d(25)), sequence="xyz"
+        ),
         ranges=PoseRanges(angles=(d(35), d(35), d(35)), length=(17.0, 20.3), cone=d(68), lock_cone=d(20)),
     )
 
@@ -45,11 +47,25 @@ def rubin() -> Hexapod:
     """
     d = np.deg2rad
     base = _at_height(
-        [(227600, 653800), (-227600, 653800), (-680000, -129700), (-452300, -524000), (452300, -524000), (680000, -129700)],
+        [
+            (227600, 653800),
+            (-227600, 653800),
+            (-680000, -129700),
+            (-452300, -524000),
+            (452300, -524000),
+            (680000, -129700),
+        ],
         -525000.0,
     )
     platform = _at_height(
-        [(472800, 512200), (-472800, 512200), (-680000, 153300), (-207200, -665500), (207200, -665500), (680000, 153300)],
+        [
+            (472800, 512200),
+            (-472800, 512200),
+            (-680000, 153300),
+            (-207200, -665500),
+            (207200, -665500),
+            (680000, 153300),
+        ],
         -121400.0,
     )
     home = np.sqrt(((platform - base) ** 2).sum(axis=1))
@@ -61,10 +77,17 @@ def rubin() -> Hexapod:
         offsets=home,
         length_unit="um",
         limits=Limits(
-            leg_length=(low, high), tilt=d(0.36), angles=(d(0.36), d(0.36), d(0.10)), position=(11400, 11400, 13100)
+            leg_length=(low, high),
+            tilt=d(0.36),
+            angles=(d(0.36), d(0.36), d(0.10)),
+            position=(11400, 11400, 13100),
         ),
         ranges=PoseRanges(
-            angles=(d(0.25), d(0.25), d(0.10)), length=(low, high), cone=d(1.5), lock_cone=d(1.0), sequence="xyz"
+            angles=(d(0.25), d(0.25), d(0.10)),
+            length=(low, high),
+            cone=d(1.5),
+            lock_cone=d(1.0),
+            sequence="xyz",
         ),
     )
 

@@ -47,9 +47,7 @@ def skew(vector: npt.ArrayLike) -> Array:
     return out
 
 
-def check_rotation(
-    name: str, matrix: npt.ArrayLike, *, tolerance: float = ORTHONORMALITY_TOLERANCE
-) -> Array:
+def check_rotation(name: str, matrix: npt.ArrayLike, *, tolerance: float = ORTHONORMALITY_TOLERANCE) -> Array:
     r"""`matrix` as checked rotations: :math:`R^T R = I` and :math:`\det R = +1`.
 
     Raises
@@ -179,8 +177,10 @@ def matrix_to_euler(matrix: npt.ArrayLike, sequence: str = "ZXZ") -> Array:
         middle = np.arctan2(sign * r[..., i, k], np.hypot(r[..., j, k], r[..., k, k]))
     # the row e_j of R_i(first)' R depends on the third angle alone, whatever the middle one is
     row = np.cos(first)[..., None] * r[..., j, :] + sign * np.sin(first)[..., None] * r[..., k, :]
-    third = np.arctan2(-sign * row[..., k], row[..., j]) if proper else np.arctan2(
-        sign * row[..., i], row[..., j]
+    third = (
+        np.arctan2(-sign * row[..., k], row[..., j])
+        if proper
+        else np.arctan2(sign * row[..., i], row[..., j])
     )
     angles = np.stack([first, middle, third], axis=-1)
     return angles[..., ::-1].copy() if extrinsic else angles
@@ -253,7 +253,8 @@ def rotation_vector_to_matrix(vector: npt.ArrayLike) -> Array:
 
 def rotation_vector_jacobian(vector: npt.ArrayLike) -> Array:
     r"""Left Jacobian of SO(3): :math:`\delta\omega = (I + \frac{1-\cos t}{t^2}[v]_\times
-    + \frac{t-\sin t}{t^3}[v]_\times^2)\,dv`, shape (..., 3, 3)."""
+    + \frac{t-\sin t}{t^3}[v]_\times^2)\,dv`, shape (..., 3, 3).
+    """
     v = as_array("vector", vector, (3,))
     _, cosine, cubic = _rodrigues(norm(v))
     cross = skew(v)
@@ -320,9 +321,21 @@ def quaternion_to_matrix(quaternion: npt.ArrayLike, order: str = "xyzw") -> Arra
         )
     x, y, z, w = np.moveaxis(q / length[..., None], -1, 0)
     out = np.empty((*length.shape, 3, 3))
-    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
-    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
-    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = (
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - z * w),
+        2 * (x * z + y * w),
+    )
+    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = (
+        2 * (x * y + z * w),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - x * w),
+    )
+    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = (
+        2 * (x * z - y * w),
+        2 * (y * z + x * w),
+        1 - 2 * (x * x + y * y),
+    )
     return out
 
 
@@ -333,7 +346,11 @@ def matrix_to_quaternion(matrix: npt.ArrayLike, order: str = "xyzw") -> Array:
     trace = xx + yy + zz
     # the four columns are 4 q_k q: the longest of them is well away from zero
     columns = np.empty((*trace.shape, 4, 4))
-    columns[..., 0, 0], columns[..., 1, 1], columns[..., 2, 2] = 1 + 2 * xx - trace, 1 + 2 * yy - trace, 1 + 2 * zz - trace
+    columns[..., 0, 0], columns[..., 1, 1], columns[..., 2, 2] = (
+        1 + 2 * xx - trace,
+        1 + 2 * yy - trace,
+        1 + 2 * zz - trace,
+    )
     columns[..., 3, 3] = 1 + trace
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         columns[..., i, j] = columns[..., j, i] = r[..., i, j] + r[..., j, i]

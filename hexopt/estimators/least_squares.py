@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError, NumericalWarning, RankDeficientError
+from ..numerics.forms import Centred
 from ..numerics.lstsq import EPS, LstsqSolution, null_combinations, solve_normal_equations, solve_svd
-from ..problem import LinearProblem
+from ..problem import LinearProblem, Whitening
 from ..result import Estimate, Status
 
-__all__ = ["LeastSquares", "check_rows", "status_of", "unseen_combinations", "unweighted_covariance"]
+__all__ = ["LeastSquares", "check_rows", "linear_uncertainty", "status_of", "unseen_combinations"]
 
 #: Beyond this condition number the normal equations may lose more than 100·eps·κ.
 NORMAL_EQUATIONS_LIMIT = 100.0
@@ -69,30 +70,26 @@ class LeastSquares:
     def fit(self, target: LinearProblem) -> Estimate:
         """Solve every problem of the batch; a rank-deficient member fails alone."""
         check_rows(target)
-        weighted = self.weights == "model"
-        matrix, rhs = target.whitened() if weighted else (target.matrix, target.rhs)
         solve = solve_svd if self.method == "svd" else solve_normal_equations
-        solution = solve(matrix, rhs)
+        root = target.whitening() if self.weights == "model" else None
+        if root is None:
+            solution = solve(target.matrix, target.rhs)
+        else:
+            solution = solve(root.apply(target.matrix), root.apply(target.rhs[..., None])[..., 0])
         if self.method == "normal":
             _warn_of_lost_digits(solution.condition)
-        if weighted:
-            covariance, kind, influence = solution.inverse @ np.swapaxes(solution.inverse, -1, -2), "model", None
-        else:
-            covariance, kind, influence = unweighted_covariance(target, solution)
+        uncertainty = linear_uncertainty(target, solution, root, solution.values)
         return Estimate(
             values=solution.values,
             parameters=target.parameters,
             codes=status_of(solution.full_rank),
-            covariance=covariance,
-            covariance_kind=kind,
             objective=solution.objective,
             gap=solution.gap,
             condition=solution.condition,
-            degrees_of_freedom=matrix.shape[-2] - matrix.shape[-1],
-            chi2=2 * solution.objective if weighted else None,
-            influence=influence,
+            chi2=None if root is None else 2 * solution.objective,
             estimator=f"{target.name} by {self!r}",
             unseen=unseen_combinations(target, solution),
+            **uncertainty,
         )
 
 
@@ -126,17 +123,29 @@ def _combinations(problem: LinearProblem, index: tuple[np.intp, ...]) -> tuple[s
     return tuple(problem.parameters.combination(vector) for vector in null_combinations(matrix))
 
 
-def unweighted_covariance(problem: LinearProblem, solution: LstsqSolution) -> tuple[Array | None, str, Array | None]:
-    """Covariance, its kind (or why there is none), and the influence of the direct rows."""
-    influence = problem.direct_gain(solution.inverse)
-    if problem.noise is not None:
-        return problem.row_covariance(solution.values).propagated(influence), "sandwich", influence
+def linear_uncertainty(
+    problem: LinearProblem, solution: LstsqSolution, root: Whitening | None, values: Array
+) -> dict[str, Any]:
+    """Covariance, its kind, influence and degrees of freedom of a (whitened) least-squares solution.
+
+    `values` is where the noise model is evaluated; `root` is the whitening that was used, if any.
+    """
     rows, unknowns = problem.matrix.shape[-2:]
-    if rows == unknowns:
-        return None, "no noise model, and no residual is left to estimate one (rows = unknowns)", influence
-    variance = 2 * solution.objective / (rows - unknowns)
-    covariance = variance[..., None, None] * (solution.inverse @ np.swapaxes(solution.inverse, -1, -2))
-    return covariance, "residual", influence
+    freedom = rows - unknowns - (problem.rows_per_block if isinstance(problem.form, Centred) else 0)
+    gain = solution.inverse if root is None else root.after(solution.inverse)
+    influence = problem.direct_gain(gain)
+    result: dict[str, Any] = {"influence": influence, "degrees_of_freedom": freedom}
+    square = solution.inverse @ np.swapaxes(solution.inverse, -1, -2)
+    if root is not None:
+        return result | {"covariance": square, "covariance_kind": "model"}
+    if problem.noise is not None:
+        covariance = problem.noise.covariance(values).propagated(influence)
+        return result | {"covariance": covariance, "covariance_kind": "sandwich"}
+    if freedom == 0:
+        reason = "no noise model, and no residual is left to estimate one (as many rows as unknowns)"
+        return result | {"covariance": None, "covariance_kind": reason}
+    variance = 2 * solution.objective / freedom
+    return result | {"covariance": variance[..., None, None] * square, "covariance_kind": "residual"}
 
 
 def _warn_of_lost_digits(condition: Array) -> None:

@@ -132,4 +132,3 @@ class PoseRanges:
             + f"; free directions within {np.rad2deg(self.cone):g}°, "
             + f"locked within {np.rad2deg(self.lock_cone):g}° of home"
         )
-

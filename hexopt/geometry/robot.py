@@ -72,7 +72,12 @@ class Hexapod:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"name: expected a non-empty text, got {self.name!r}")
-        for name, shape in (("base_points", (6, 3)), ("platform_points", (6, 3)), ("offsets", (6,)), ("gains", (6,))):
+        for name, shape in (
+            ("base_points", (6, 3)),
+            ("platform_points", (6, 3)),
+            ("offsets", (6,)),
+            ("gains", (6,)),
+        ):
             value = np.asarray(getattr(self, name))
             if value.ndim and value.shape[0] != 6:
                 raise InputError(f"{name}: a hexapod has 6 legs, got {value.shape[0]}")
@@ -81,8 +86,12 @@ class Hexapod:
             raise InputError(f"gains: expected values > 0, got {self.gains}")
         object.__setattr__(self, "length_unit", check_length_unit("length_unit", self.length_unit))
         object.__setattr__(self, "reading_unit", self.reading_unit or self.length_unit)
-        object.__setattr__(self, "home_position", as_array("home_position", self.home_position, (3,), batch=False))
-        rotation = check_rotation("home_rotation", as_array("home_rotation", self.home_rotation, (3, 3), batch=False))
+        object.__setattr__(
+            self, "home_position", as_array("home_position", self.home_position, (3,), batch=False)
+        )
+        rotation = check_rotation(
+            "home_rotation", as_array("home_rotation", self.home_rotation, (3, 3), batch=False)
+        )
         object.__setattr__(self, "home_rotation", rotation)
         if self.home_lengths.min() <= 1e-9 * self.size:
             raise InputError("the base and platform joints of a leg coincide at home; give home_position")
@@ -104,7 +113,14 @@ class Hexapod:
     def leg(self, number: int) -> Leg:
         """Leg `number` (1…6)."""
         k = check_leg_number(number) - 1
-        return Leg(k + 1, self.platform_points[k], self.base_points[k], self.offsets[k], self.gains[k], self.length_unit)
+        return Leg(
+            k + 1,
+            self.platform_points[k],
+            self.base_points[k],
+            self.offsets[k],
+            self.gains[k],
+            self.length_unit,
+        )
 
     @property
     def legs(self) -> tuple[Leg, ...]:
@@ -133,7 +149,10 @@ class Hexapod:
     def with_legs(self, legs: Sequence[Leg] | Mapping[int, Leg], name: str | None = None) -> Hexapod:
         """This robot with some legs replaced, each by its own number."""
         new = list(legs.values()) if isinstance(legs, Mapping) else list(legs)
-        arrays = {key: np.array(getattr(self, key)) for key in ("base_points", "platform_points", "offsets", "gains")}
+        arrays = {
+            key: np.array(getattr(self, key))
+            for key in ("base_points", "platform_points", "offsets", "gains")
+        }
         for leg in new:
             if leg.length_unit != self.length_unit:
                 raise InputError(f"leg {leg.number} is in {leg.length_unit}, the robot in {self.length_unit}")

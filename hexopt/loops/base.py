@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,7 +21,7 @@ from ..geometry.leg import LEG_BLOCKS
 from ..measurements import LegMeasurements, Lock
 from ..numerics.forms import Centred, Consecutive, Direct, Form
 from ..parameters import Block, Parameters
-from ..problem import LinearProblem, RowCovariance
+from ..problem import ConstantRowNoise, LinearProblem, RowCovariance
 from ..result import Estimate
 
 __all__ = ["Loop"]
@@ -92,7 +91,10 @@ class Loop(ABC):
         self._known, self._known_roots = self._collect_known(given)
         unit = data.length_unit
         self.parameters = Parameters(
-            tuple(Block(key, LEG_BLOCKS[key], unit if key != "gain" else f"{unit}/reading") for key in self.unknown)
+            tuple(
+                Block(key, LEG_BLOCKS[key], unit if key != "gain" else f"{unit}/reading")
+                for key in self.unknown
+            )
             + tuple(
                 Block(key, size, self.nuisance_unit.format(unit=unit), nuisance=True)
                 for key, size in self.nuisance.items()
@@ -125,7 +127,11 @@ class Loop(ABC):
     # --- known and unknown ------------------------------------------------------------------------
 
     def _check_unknown(self, unknown: Any, given: Mapping[str, Any]) -> tuple[str, ...]:
-        names = self.default_unknown if unknown is None else tuple([unknown] if isinstance(unknown, str) else unknown)
+        names = (
+            self.default_unknown
+            if unknown is None
+            else tuple([unknown] if isinstance(unknown, str) else unknown)
+        )
         strange = [name for name in names if name not in self.involved]
         if strange or not names:
             raise InputError(
@@ -133,7 +139,9 @@ class Loop(ABC):
             )
         both = [name for name in names if given[name] is not None]
         if both:
-            raise InputError(f"{', '.join(both)}: both given and unknown; name the unknown ones by unknown=(…)")
+            raise InputError(
+                f"{', '.join(both)}: both given and unknown; name the unknown ones by unknown=(…)"
+            )
         return tuple(name for name in LEG_BLOCKS if name in names)
 
     def _collect_known(self, given: Mapping[str, Any]) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -185,7 +193,9 @@ class Loop(ABC):
         if any(name not in parts for name in self.nuisance):
             parts |= self._nuisance_values({**self._known, **parts})
         shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts.values()))
-        ordered = [np.broadcast_to(parts[name], (*shape, parts[name].shape[-1])) for name in self.parameters.names]
+        ordered = [
+            np.broadcast_to(parts[name], (*shape, parts[name].shape[-1])) for name in self.parameters.names
+        ]
         return np.concatenate(ordered, axis=-1)
 
     def _blocks(self, x: npt.ArrayLike | Leg | Estimate) -> dict[str, Array]:
@@ -224,7 +234,9 @@ class Loop(ABC):
         """
         noise = self.data.noise
         if noise is None:
-            raise InputError(f"{type(self).__name__}: the measurements have no noise model; give them noise=…")
+            raise InputError(
+                f"{type(self).__name__}: the measurements have no noise model; give them noise=…"
+            )
         blocks = self._blocks(values)
         jacobian = self._noise_columns(blocks)
         own = jacobian @ noise.covariance(self.data.rotation) @ np.swapaxes(jacobian, -1, -2)
@@ -294,6 +306,21 @@ class Loop(ABC):
             at=None if at is None else self.values(at),
             minimum_poses=self.minimum_poses,
             name=name,
+        )
+
+    def linearised(self, x: npt.ArrayLike | Leg | Estimate) -> LinearProblem:
+        """The direct rows to first order about x, in the unknown *change* of x; any unknowns are allowed."""
+        values = self.values(x)
+        residual, jacobian = self.residual(values), self.jacobian(values)
+        batch = residual.shape[:-2]
+        return LinearProblem(
+            jacobian.reshape(*batch, -1, self.parameters.size),
+            -residual.reshape(*batch, -1),
+            self.parameters,
+            rows_per_block=self.rows,
+            noise=None if self.data.noise is None else ConstantRowNoise(self.covariance(values)),
+            minimum_poses=self.minimum_poses,
+            name=type(self).__name__,
         )
 
     def _consecutive(self) -> Consecutive:

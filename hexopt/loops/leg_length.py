@@ -39,8 +39,9 @@ class LegLength(Loop):
     >>> robot = hx.robots.left_hand()
     >>> leg = robot.leg(3)
     >>> data = hx.simulate_leg(robot, leg=3, lock="none", n_poses=1, rng=0)
-    >>> loop = hx.loops.LegLength(data, unknown=("offset",), platform_point=leg.platform_point,
-    ...                           base_point=leg.base_point)
+    >>> loop = hx.loops.LegLength(
+    ...     data, unknown=("offset",), platform_point=leg.platform_point, base_point=leg.base_point
+    ... )
     >>> hx.estimate(loop.linear(), hx.LeastSquares()).values.round(9)
     array([15.25])
     """

@@ -70,7 +70,7 @@ def solve_svd(matrix: Array, rhs: Array) -> LstsqSolution:
     scale = _column_scale(matrix)
     u, s, vt = np.linalg.svd(matrix / scale[..., None, :], full_matrices=False)
     full_rank: BoolArray = s[..., -1] > rank_tolerance(*matrix.shape[-2:]) * s[..., 0]
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         condition = np.where(full_rank, s[..., 0] / s[..., -1], np.inf)
         weights = np.where(full_rank[..., None], 1.0 / s, np.nan)
     left = transpose(u)

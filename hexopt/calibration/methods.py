@@ -1,0 +1,180 @@
+"""How the sets of one leg become its parameters: the paper's one-step and three-step methods, free poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from ..arrays import Array, norm
+from ..errors import InputError
+from ..estimators.inverse_kinematics import InverseKinematics
+from ..estimators.least_squares import LeastSquares
+from ..geometry.leg import LEG_BLOCKS
+from ..kinematics import leg_vector
+from ..loops import FixedDirection, FixedLeg, FixedLength, LegLength
+from ..measurements import LegMeasurements, Lock
+from ..propagation import Gain, joint_covariance, pose_gain
+from ..result import Estimate, Estimator, estimate
+from .report import LegCalibration
+
+__all__ = ["FreePoses", "Method", "OneStep", "ThreeStep"]
+
+
+class Method(Protocol):
+    """How the sets of one leg become its parameters; write a class with these two members to add one."""
+
+    @property
+    def locks(self) -> tuple[Lock, ...]:
+        """The sets that the method needs, one of each."""
+        ...
+
+    def calibrate_leg(
+        self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None
+    ) -> LegCalibration:
+        """Calibrate a leg from one set for each lock."""
+        ...
+
+
+@dataclass(frozen=True)
+class OneStep:
+    r"""Model 36 in one step: a and b from a DIRECTION set (Type I); the offset is taken as known.
+
+    Parameters
+    ----------
+    form : {"consecutive", "direct"}, default "consecutive"
+        The paper's differences, or one block row a pose.
+
+    References
+    ----------
+    Daney (1998), section 3.2.
+    """
+
+    form: Literal["consecutive", "direct"] = "consecutive"
+    locks = (Lock.DIRECTION,)
+
+    def calibrate_leg(
+        self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None = None
+    ) -> LegCalibration:
+        """b and a from the DIRECTION set."""
+        data = sets[Lock.DIRECTION]
+        found = estimate(FixedDirection(data).linear(self.form), estimator or LeastSquares())
+        names = ("platform_point", "base_point")
+        covariance = None if found.covariance is None else found.covariance_of(*names)
+        return _leg_calibration(
+            {"direction": found},
+            {name: found.params[name] for name in names},
+            covariance,
+            found.covariance_kind,
+            [data],
+        )
+
+
+@dataclass(frozen=True)
+class ThreeStep:
+    r"""Model 42 in three steps: b from a LEG set (II), a from a LENGTH set (III) with that b, then the offset.
+
+    Parameters
+    ----------
+    form : {"consecutive", "direct", "centred"}, default "consecutive"
+
+    Notes
+    -----
+    The offset is the mean of equation (19) over the poses of the LENGTH set. The errors of the poses are
+    carried through all three steps to first order, so the covariance of (b, a, δ) holds b's part in a
+    and in δ, and the share of the LENGTH poses in both a and δ.
+
+    References
+    ----------
+    Daney (1998), section 3.3.
+    """
+
+    form: Literal["consecutive", "direct", "centred"] = "consecutive"
+    locks = (Lock.LEG, Lock.LENGTH)
+
+    def calibrate_leg(
+        self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None = None
+    ) -> LegCalibration:
+        """b, then a, then the offset."""
+        leg_set, length_set = sets[Lock.LEG], sets[Lock.LENGTH]
+        linear = estimator or LeastSquares()
+        first = FixedLeg(leg_set)
+        b = estimate(first.linear(self.form), linear)
+        second = FixedLength(length_set, platform_point=b)
+        a = estimate(second.linear(self.form), linear)
+        third = LegLength(length_set, unknown=("offset",), platform_point=b, base_point=a)
+        offset = estimate(third.linear(), LeastSquares())
+
+        steps = {"platform_point": b, "base_point": a, "offset": offset}
+        kind, covariance = "carried through the three steps", None
+        without = [found.covariance_kind for found in (b, a) if found.influence is None]
+        if leg_set.noise is None or length_set.noise is None or without:
+            kind = without[0] if without else "no noise model: errors cannot be carried through the steps"
+        else:
+            gains: dict[str, Gain] = {}
+            for (name, found), loop in zip(steps.items(), (first, second, third), strict=True):
+                gains[name] = pose_gain(loop, found, name, gains)
+            covariance = joint_covariance(gains)
+        values = {name: found.params[name] for name, found in steps.items()}
+        return _leg_calibration(steps, values, covariance, kind, [leg_set, length_set])
+
+
+@dataclass(frozen=True)
+class FreePoses:
+    r"""Unlocked poses by inverse kinematics: Model 36 (b, a), 42 (and the offset) or 48 (and the gain).
+
+    Parameters
+    ----------
+    model : {36, 42, 48}, default 42
+
+    References
+    ----------
+    Masory, Wang and Zhuang (1993); Model 48 is ours: real encoders need the gain.
+    """
+
+    model: Literal[36, 42, 48] = 42
+    locks = (Lock.NONE,)
+
+    def __post_init__(self) -> None:
+        if self.model not in (36, 42, 48):
+            raise InputError(f"model: expected 36, 42 or 48 parameters, got {self.model!r}")
+
+    def calibrate_leg(
+        self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None = None
+    ) -> LegCalibration:
+        """All blocks of the model at once."""
+        data = sets[Lock.NONE]
+        names = tuple(LEG_BLOCKS)[: {36: 2, 42: 3, 48: 4}[self.model]]
+        found = estimate(LegLength(data, unknown=names), estimator or InverseKinematics())
+        return _leg_calibration({"leg": found}, found.params, found.covariance, found.covariance_kind, [data])
+
+
+def _leg_calibration(
+    steps: Mapping[str, Estimate],
+    values: Mapping[str, Array],
+    covariance: Array | None,
+    kind: str,
+    data: Sequence[LegMeasurements],
+) -> LegCalibration:
+    nominal = data[0].nominal
+    if nominal is None:
+        raise InputError("which leg was measured? give the measurements nominal=robot.leg(k)")
+    good = np.all([found.ok for found in steps.values()], axis=0)
+    # a failed member of a batch keeps its NaN in `steps`, and the nominal here: a Leg holds finite numbers
+    blocks = {name: np.where(good[..., None], value, nominal.block(name)) for name, value in values.items()}
+    leg = nominal.replaced(**{name: v if LEG_BLOCKS[name] > 1 else v[..., 0] for name, v in blocks.items()})
+    squares = [
+        (
+            norm(leg_vector(leg.platform_point, leg.base_point, part.position, part.rotation))
+            - leg.true_length(part.length)
+        )
+        ** 2
+        for part in data
+        if part.length is not None
+    ]
+    rms = np.sqrt(np.concatenate(squares, axis=-1).mean(axis=-1)) if squares else None
+    return LegCalibration(
+        leg, tuple(values), covariance, kind, dict(steps), rms, sum(part.n_poses for part in data)
+    )
