@@ -23,9 +23,7 @@ def frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return view
 
 
-def as_array(
-    name: str, value: npt.ArrayLike, shape: Sequence[int | str | None] = (), *, batch: bool = True
-) -> Array:
+def as_array(name: str, value: npt.ArrayLike, shape: Sequence[int | str | None] = (), *, batch: bool = True) -> Array:
     """`value` as a read-only float array whose last dimensions are `shape`.
 
     Parameters
@@ -87,9 +85,7 @@ def as_generator(rng: int | np.random.Generator | np.random.SeedSequence | None)
     """
     if rng is None:
         raise InputError("rng: a seed or a numpy.random.Generator is needed, e.g. rng=0")
-    if isinstance(rng, bool) or not isinstance(
-        rng, (int, np.integer, np.random.Generator, np.random.SeedSequence)
-    ):
+    if isinstance(rng, bool) or not isinstance(rng, (int, np.integer, np.random.Generator, np.random.SeedSequence)):
         raise InputError(f"rng: expected a seed or a numpy.random.Generator, got {_brief(rng)}")
     if isinstance(rng, (int, np.integer)) and rng < 0:
         raise InputError(f"rng: a seed must not be negative, got {rng}")

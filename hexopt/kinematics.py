@@ -2,6 +2,8 @@ r"""Leg vectors, true lengths and readings of a pose, and whether a robot can re
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -75,9 +77,7 @@ def inverse_kinematics(robot: Hexapod, position: npt.ArrayLike, rotation: npt.Ar
     return (leg_lengths(robot, position, rotation) - robot.offsets) / robot.gains
 
 
-def limit_violations(
-    robot: Hexapod, position: npt.ArrayLike, rotation: npt.ArrayLike
-) -> dict[str, BoolArray]:
+def limit_violations(robot: Hexapod, position: npt.ArrayLike, rotation: npt.ArrayLike) -> dict[str, BoolArray]:
     """For every limit of the robot that binds: which poses violate it, by the limit's name.
 
     Returns
@@ -88,7 +88,7 @@ def limit_violations(
     vectors = leg_vectors(robot, position, rotation)
     lengths = norm(vectors)
     r = np.asarray(rotation, dtype=float)
-    out: dict[str, BoolArray] = {}
+    out: dict[str, Any] = {}  # NumPy's own types say that a mask may be a scalar
     if limits.leg_length is not None:
         low, high = limits.leg_length
         out["leg_length"] = ((lengths < low) | (lengths > high)).any(axis=-1)

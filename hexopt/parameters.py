@@ -82,9 +82,7 @@ class Parameters:
     @cached_property
     def _slices(self) -> dict[str, slice]:
         ends = np.cumsum([block.size for block in self.blocks]).tolist()
-        return {
-            block.name: slice(end - block.size, end) for block, end in zip(self.blocks, ends, strict=True)
-        }
+        return {block.name: slice(end - block.size, end) for block, end in zip(self.blocks, ends, strict=True)}
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -70,9 +70,7 @@ class _Sampler:
             length = self.lengths((n_sets, 1))
         return direction, length
 
-    def poses(
-        self, n_sets: int, n_poses: int, held: tuple[Array | None, Array | None]
-    ) -> tuple[Array, Array, Array]:
+    def poses(self, n_sets: int, n_poses: int, held: tuple[Array | None, Array | None]) -> tuple[Array, Array, Array]:
         """Positions, rotations and true lengths of n_poses a set, with what is held."""
         shape = (n_sets, n_poses)
         direction, length = held
@@ -206,12 +204,9 @@ class _Rejection:
     def _message(self) -> str:
         position, rotation, _ = self.sampler.poses(2000, 1, self.sampler.locked(2000))
         refused = {
-            name: float(bad.mean())
-            for name, bad in limit_violations(self.sampler.robot, position, rotation).items()
+            name: float(bad.mean()) for name, bad in limit_violations(self.sampler.robot, position, rotation).items()
         }
-        worst = ", ".join(
-            f"{name} refuses {share:.1%}" for name, share in sorted(refused.items(), key=lambda x: -x[1])
-        )
+        worst = ", ".join(f"{name} refuses {share:.1%}" for name, share in sorted(refused.items(), key=lambda x: -x[1]))
         return (
             f"only {self.accepted} of {self.drawn} random poses ({self.accepted / self.drawn:.2g}) under the lock "
             f"{str(self.sampler.lock)!r} of leg {self.sampler.leg} were accepted"

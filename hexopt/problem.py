@@ -143,9 +143,7 @@ class LinearProblem:
         if self.matrix.shape[-2] == 0:
             raise InputError(f"{self.name}: there is no equation; are there any poses?")
         if self.matrix.shape[-2] % self.rows_per_block:
-            raise InputError(
-                f"{self.matrix.shape[-2]} rows are no multiple of rows_per_block={self.rows_per_block}"
-            )
+            raise InputError(f"{self.matrix.shape[-2]} rows are no multiple of rows_per_block={self.rows_per_block}")
         if self.at is not None:
             object.__setattr__(self, "at", as_array("at", self.at, (self.parameters.size,)))
 

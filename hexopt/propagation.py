@@ -46,9 +46,7 @@ def pose_gain(loop: Loop, found: Estimate, name: str, earlier: Mapping[str, Gain
     if found.influence is None:
         raise InputError(f"{found.estimator} gives no influence, so its errors cannot be carried on")
     influence = found.influence[..., found.parameters[name], :, :]
-    gains = {
-        id(loop.data): (loop.data, -np.einsum("...pnd,...nde->...pne", influence, loop.noise_jacobian(found)))
-    }
+    gains = {id(loop.data): (loop.data, -np.einsum("...pnd,...nde->...pne", influence, loop.noise_jacobian(found)))}
     for known, behind in earlier.items():
         if known not in loop.involved or known in loop.unknown:
             continue
@@ -75,12 +73,8 @@ def joint_covariance(gains: Mapping[str, Gain]) -> Array:
             raise InputError("joint covariance: a set of measurements has no noise model; give it noise=…")
         blocks = [_of_set(gain, key, data.n_poses) for gain in gains.values()]
         shape = np.broadcast_shapes(*(block.shape[:-3] for block in blocks))
-        gain = np.concatenate(
-            [np.broadcast_to(block, (*shape, *block.shape[-3:])) for block in blocks], axis=-3
-        )
-        part = np.einsum(
-            "...pne,...nef,...qnf->...pq", gain, data.noise.covariance(data.rotation), gain, optimize=True
-        )
+        gain = np.concatenate([np.broadcast_to(block, (*shape, *block.shape[-3:])) for block in blocks], axis=-3)
+        part = np.einsum("...pne,...nef,...qnf->...pq", gain, data.noise.covariance(data.rotation), gain, optimize=True)
         common = data.noise.common()
         if common is not None:
             shared = gain.sum(axis=-2)

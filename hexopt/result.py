@@ -87,7 +87,7 @@ class Estimate:
 
     @property
     def params(self) -> dict[str, Array]:
-        """The values by block name: "base_point" → (..., 3), …"""
+        """The values by block name: "base_point" → (..., 3), and so on."""
         return self.parameters.split(self.values)
 
     @property
@@ -100,9 +100,7 @@ class Estimate:
         """A :class:`Status` for one problem, an object array of them for a batch."""
         if not self.batch_shape:
             return Status(int(self.codes))
-        return np.array([Status(int(code)) for code in self.codes.flat], dtype=object).reshape(
-            self.batch_shape
-        )
+        return np.array([Status(int(code)) for code in self.codes.flat], dtype=object).reshape(self.batch_shape)
 
     @property
     def ok(self) -> Any:
@@ -136,9 +134,7 @@ class Estimate:
         ----------
         Daney (1998), section 4: the error index.
         """
-        return {
-            name: norm(values - leg.block(name)) for name, values in self.params.items() if name in LEG_BLOCKS
-        }
+        return {name: norm(values - leg.block(name)) for name, values in self.params.items() if name in LEG_BLOCKS}
 
     def __getitem__(self, index: Any) -> Estimate:
         """One problem of a batch, or some."""
@@ -208,9 +204,7 @@ class Estimate:
         lines = [f"{self.estimator}: a batch of {self.batch_shape}: {text}"]
         good = self.values[self.codes == Status.OPTIMAL]
         if len(good):
-            for label, mean, spread in zip(
-                self.parameters.labels, good.mean(axis=0), good.std(axis=0), strict=True
-            ):
+            for label, mean, spread in zip(self.parameters.labels, good.mean(axis=0), good.std(axis=0), strict=True):
                 lines.append(f"  {label:<20s} mean {mean: .6f}, spread {spread:.3g}")
         return "\n".join(lines)
 
@@ -270,9 +264,7 @@ def estimate(target: Any, estimator: Estimator, throw: bool | None = None) -> Es
     """
     if not isinstance(target, estimator.accepts):
         wanted = " or ".join(kind.__name__ for kind in estimator.accepts)
-        raise InputError(
-            f"{type(estimator).__name__} takes a {wanted}, got {type(target).__name__}: {estimator.hint}"
-        )
+        raise InputError(f"{type(estimator).__name__} takes a {wanted}, got {type(target).__name__}: {estimator.hint}")
     result = estimator.fit(target)
     if throw is None:
         throw = not result.batch_shape
@@ -291,6 +283,4 @@ def _raise(result: Estimate) -> None:
             f"{'; '.join(result.unseen)}. Add poses that differ, or give these values as known",
             result.unseen,
         )
-    raise EstimationError(
-        f"{result.estimator}: ended with status {worst.name}{share}; no value can be trusted"
-    )
+    raise EstimationError(f"{result.estimator}: ended with status {worst.name}{share}; no value can be trusted")

@@ -33,9 +33,7 @@ def left_hand() -> Hexapod:
         offsets=np.full(6, 15.25),
         length_unit="cm",
         home_position=np.array([0.0, 0.0, 19.0]),
-        limits=Limits(
-            leg_length=(17.25, 25.25), base_tilt=d(45), angles=(d(25), d(25), d(25)), sequence="xyz"
-        ),
+        limits=Limits(leg_length=(17.25, 25.25), base_tilt=d(45), angles=(d(25), d(25), d(25)), sequence="xyz"),
         ranges=PoseRanges(angles=(d(35), d(35), d(35)), length=(17.0, 20.3), cone=d(68), lock_cone=d(20)),
     )
 
@@ -93,7 +91,7 @@ def rubin() -> Hexapod:
 
 
 def linuxcnc() -> Hexapod:
-    """The default of LinuxCNC's genhexkins (unit unstated): base joints coincide in pairs; home height 20 is ours."""
+    """LinuxCNC's genhexkins default (unit unstated): base joints coincide in pairs; home height 20 is ours."""
     return Hexapod(
         name="LinuxCNC genhexkins",
         base_points=_at_height(

@@ -91,9 +91,7 @@ def simulate_leg(
     >>> import numpy as np
     >>> import hexopt as hx
     >>> noise = hx.UniformNoise(position=0.01, angle=np.deg2rad(0.01), length=0.01)
-    >>> data = hx.simulate_leg(
-    ...     hx.robots.left_hand(), leg=3, lock="length", n_poses=7, n_sets=100, noise=noise, rng=1
-    ... )
+    >>> data = hx.simulate_leg(hx.robots.left_hand(), leg=3, lock="length", n_poses=7, n_sets=100, noise=noise, rng=1)
     >>> data.length.shape, str(data.lock)
     ((100, 7), 'length')
     """

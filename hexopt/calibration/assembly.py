@@ -64,16 +64,12 @@ def calibrate(
         raise InputError(f"robot: expected a Hexapod, got {type(robot).__name__}")
     if isinstance(method, type) or not hasattr(method, "calibrate_leg"):
         raise InputError(f"method: expected OneStep(), ThreeStep() or FreePoses(), got {method!r}")
-    by_leg = _sorted_sets(
-        robot, [sets] if isinstance(sets, (LegMeasurements, Measurements)) else list(sets), method
-    )
+    by_leg = _sorted_sets(robot, [sets] if isinstance(sets, (LegMeasurements, Measurements)) else list(sets), method)
     legs = {}
     for number in sorted(by_leg):
         missing = [str(lock) for lock in method.locks if lock not in by_leg[number]]
         if missing:
-            raise LockError(
-                f"leg {number}: {method!r} also needs a set with the lock {' and '.join(missing)}"
-            )
+            raise LockError(f"leg {number}: {method!r} also needs a set with the lock {' and '.join(missing)}")
         try:
             legs[number] = method.calibrate_leg(by_leg[number], estimator)
         except EstimationError as error:
@@ -93,9 +89,7 @@ def _sorted_sets(
         if not isinstance(data, (LegMeasurements, Measurements)):
             raise InputError(f"sets: expected LegMeasurements or Measurements, got {type(data).__name__}")
         if data.batch_shape:
-            raise InputError(
-                f"sets: calibrate takes single sets, got a batch of {data.batch_shape}; write data[i]"
-            )
+            raise InputError(f"sets: calibrate takes single sets, got a batch of {data.batch_shape}; write data[i]")
         if data.length_unit != robot.length_unit:
             raise UnitError(f"the measurements are in {data.length_unit}, the robot in {robot.length_unit}")
         if data.lock not in method.locks:
@@ -104,9 +98,7 @@ def _sorted_sets(
         for number, part in _leg_views(data):
             leg_sets = by_leg.setdefault(number, {})
             if part.lock in leg_sets:
-                raise InputError(
-                    f"leg {number} has two sets with the lock {str(part.lock)!r}; give one of each"
-                )
+                raise InputError(f"leg {number} has two sets with the lock {str(part.lock)!r}; give one of each")
             leg_sets[part.lock] = replace(part, nominal=robot.leg(number))
     return by_leg
 

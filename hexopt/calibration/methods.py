@@ -31,9 +31,7 @@ class Method(Protocol):
         """The sets that the method needs, one of each."""
         ...
 
-    def calibrate_leg(
-        self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None
-    ) -> LegCalibration:
+    def calibrate_leg(self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None) -> LegCalibration:
         """Calibrate a leg from one set for each lock."""
         ...
 
@@ -55,9 +53,7 @@ class OneStep:
     form: Literal["consecutive", "direct"] = "consecutive"
     locks = (Lock.DIRECTION,)
 
-    def calibrate_leg(
-        self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None = None
-    ) -> LegCalibration:
+    def calibrate_leg(self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None = None) -> LegCalibration:
         """b and a from the DIRECTION set."""
         data = sets[Lock.DIRECTION]
         found = estimate(FixedDirection(data).linear(self.form), estimator or LeastSquares())
@@ -94,9 +90,7 @@ class ThreeStep:
     form: Literal["consecutive", "direct", "centred"] = "consecutive"
     locks = (Lock.LEG, Lock.LENGTH)
 
-    def calibrate_leg(
-        self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None = None
-    ) -> LegCalibration:
+    def calibrate_leg(self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None = None) -> LegCalibration:
         """b, then a, then the offset."""
         leg_set, length_set = sets[Lock.LEG], sets[Lock.LENGTH]
         linear = estimator or LeastSquares()
@@ -141,9 +135,7 @@ class FreePoses:
         if self.model not in (36, 42, 48):
             raise InputError(f"model: expected 36, 42 or 48 parameters, got {self.model!r}")
 
-    def calibrate_leg(
-        self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None = None
-    ) -> LegCalibration:
+    def calibrate_leg(self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None = None) -> LegCalibration:
         """All blocks of the model at once."""
         data = sets[Lock.NONE]
         names = tuple(LEG_BLOCKS)[: {36: 2, 42: 3, 48: 4}[self.model]]
@@ -175,6 +167,4 @@ def _leg_calibration(
         if part.length is not None
     ]
     rms = np.sqrt(np.concatenate(squares, axis=-1).mean(axis=-1)) if squares else None
-    return LegCalibration(
-        leg, tuple(values), covariance, kind, dict(steps), rms, sum(part.n_poses for part in data)
-    )
+    return LegCalibration(leg, tuple(values), covariance, kind, dict(steps), rms, sum(part.n_poses for part in data))

@@ -78,7 +78,8 @@ class Calibration:
         return pd.DataFrame([row for number in self.legs for row in self._rows(number)])
 
     def _rows(self, number: int) -> list[dict[str, Any]]:
-        part, before, rows = self.legs[number], self.nominal.leg(number), []
+        part, before = self.legs[number], self.nominal.leg(number)
+        rows: list[dict[str, Any]] = []
         errors = None if part.covariance is None else np.sqrt(np.diagonal(part.covariance))
         unit, reading = self.robot.length_unit, self.robot.reading_unit
         for name in part.names:
@@ -100,9 +101,7 @@ class Calibration:
         """A readable table: every calibrated leg, its parameters, their errors, its residual."""
         unit = self.robot.length_unit
         lines = [f"{self.robot.name}: {self.method}, {len(self.legs)} of 6 legs calibrated"]
-        lines.append(
-            f"  {'leg':<4s}{'parameter':<20s}{'nominal':>14s}{'calibrated':>14s}{'± 1 σ':>11s}  unit"
-        )
+        lines.append(f"  {'leg':<4s}{'parameter':<20s}{'nominal':>14s}{'calibrated':>14s}{'± 1 σ':>11s}  unit")
         for number in self.legs:
             for row in self._rows(number):
                 sure = "" if np.isnan(row["standard_error"]) else f"{row['standard_error']:.2g}"
@@ -111,9 +110,7 @@ class Calibration:
                     f"{sure:>11s}  {row['unit']}"
                 )
         lines.append(f"  residual of leg length, RMS ({unit}):")
-        rms = {
-            number: part.residual_rms for number, part in self.legs.items() if part.residual_rms is not None
-        }
+        rms = {number: part.residual_rms for number, part in self.legs.items() if part.residual_rms is not None}
         for number, value in rms.items():
             lines.append(f"    leg {number}: {float(value):.4g} over {self.legs[number].n_poses} poses")
         if rms:

@@ -21,7 +21,7 @@ __all__ = ["InverseKinematics"]
 
 @dataclass(frozen=True)
 class InverseKinematics:
-    r"""Leg lengths fitted to poses: :math:`\min \tfrac12\sum_i w_i(\lVert P_i + R_i b - a\rVert - \gamma\rho_i - \delta)^2`.
+    r"""Leg lengths fitted to poses: :math:`\min\sum_i w_i(\lVert P_i + R_i b - a\rVert - \gamma\rho_i - \delta)^2/2`.
 
     Parameters
     ----------
@@ -72,9 +72,7 @@ class InverseKinematics:
         """Fit every set of the batch; one that does not converge, or is not determined, fails alone."""
         start = self.start or target.data.nominal
         if start is None:
-            raise InputError(
-                "InverseKinematics needs an initial guess: give start=Leg(…) or data with a nominal"
-            )
+            raise InputError("InverseKinematics needs an initial guess: give start=Leg(…) or data with a nominal")
         first = np.broadcast_to(target.values(start), (*target.data.batch_shape, target.parameters.size))
         check_rows(target.linearised(first))
         values, converged, iterations = self._minimise(target, first, None)
@@ -86,7 +84,7 @@ class InverseKinematics:
             iterations = iterations + more
         return self._estimate(target, values, converged, iterations, root)
 
-    def _minimise(self, loop: LegLength, start: Array, weight: Array | None) -> tuple[Array, Array, Array]:
+    def _minimise(self, loop: LegLength, start: Array, weight: Array | None) -> tuple[Array, Any, Any]:
         batch, size = start.shape[:-1], start.shape[-1]
 
         def evaluate(flat: Array) -> tuple[Array, Array]:
@@ -104,9 +102,7 @@ class InverseKinematics:
             result.iterations.reshape(batch),
         )
 
-    def _estimate(
-        self, loop: LegLength, values: Array, converged: Array, iterations: Array, root: Any
-    ) -> Estimate:
+    def _estimate(self, loop: LegLength, values: Array, converged: Any, iterations: Any, root: Any) -> Estimate:
         problem = loop.linearised(values)
         matrix = problem.matrix if root is None else root.apply(problem.matrix)
         rhs = problem.rhs if root is None else root.apply(problem.rhs[..., None])[..., 0]

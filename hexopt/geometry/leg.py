@@ -20,9 +20,7 @@ LEG_BLOCKS = {"platform_point": 3, "base_point": 3, "offset": 1, "gain": 1}
 def check_leg_number(number: object) -> int:
     """`number` as a leg number 1…6, or an :class:`InputError`."""
     if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= 6:
-        raise InputError(
-            f"leg: expected a number from 1 to 6 (legs are numbered as in the paper), got {number!r}"
-        )
+        raise InputError(f"leg: expected a number from 1 to 6 (legs are numbered as in the paper), got {number!r}")
     return int(number)
 
 

@@ -30,12 +30,12 @@ def _angle(name: str, value: float, largest: float = np.pi) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What a pose must respect to be reachable; a limit that is None does not bind.
+    r"""What a pose must respect to be reachable; a limit that is None does not bind.
 
     Parameters
     ----------
     leg_length : (float, float) or None
-        Shortest and longest true length :math:`\\ell` of every leg.
+        Shortest and longest true length :math:`\ell` of every leg.
     leg_tilt : float or None
         Largest angle between a leg and its direction at home (the cone of its joints), rad.
     base_tilt : float or None

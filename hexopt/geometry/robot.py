@@ -20,7 +20,7 @@ __all__ = ["Hexapod"]
 
 @dataclass(frozen=True, eq=False)
 class Hexapod:
-    r"""A Gough–Stewart platform: six legs with :math:`\gamma_k\rho_k + \delta_k = \lVert P + R\,b_k - a_k\rVert`.
+    r"""A Gough–Stewart platform: :math:`\gamma_k\rho_k + \delta_k = \lVert P + R\,b_k - a_k\rVert`, k = 1…6.
 
     Parameters
     ----------
@@ -86,12 +86,8 @@ class Hexapod:
             raise InputError(f"gains: expected values > 0, got {self.gains}")
         object.__setattr__(self, "length_unit", check_length_unit("length_unit", self.length_unit))
         object.__setattr__(self, "reading_unit", self.reading_unit or self.length_unit)
-        object.__setattr__(
-            self, "home_position", as_array("home_position", self.home_position, (3,), batch=False)
-        )
-        rotation = check_rotation(
-            "home_rotation", as_array("home_rotation", self.home_rotation, (3, 3), batch=False)
-        )
+        object.__setattr__(self, "home_position", as_array("home_position", self.home_position, (3,), batch=False))
+        rotation = check_rotation("home_rotation", as_array("home_rotation", self.home_rotation, (3, 3), batch=False))
         object.__setattr__(self, "home_rotation", rotation)
         if self.home_lengths.min() <= 1e-9 * self.size:
             raise InputError("the base and platform joints of a leg coincide at home; give home_position")
@@ -140,26 +136,30 @@ class Hexapod:
 
     @property
     def size(self) -> float:
-        """The largest distance of a joint from its frame's origin, or of home from the base: a length scale."""
+        """A length scale: the largest distance of a joint from its frame's origin, or of home from the base's."""
         points = np.vstack([self.base_points, self.platform_points, self.home_position[None]])
         return float(norm(points).max())
 
     # --- new robots -------------------------------------------------------------------------------
 
     def with_legs(self, legs: Sequence[Leg] | Mapping[int, Leg], name: str | None = None) -> Hexapod:
-        """This robot with some legs replaced, each by its own number."""
-        new = list(legs.values()) if isinstance(legs, Mapping) else list(legs)
-        arrays = {
-            key: np.array(getattr(self, key))
-            for key in ("base_points", "platform_points", "offsets", "gains")
-        }
-        for leg in new:
+        """The robot with some legs replaced, each by its own number."""
+        base, platform = np.array(self.base_points), np.array(self.platform_points)
+        offsets, gains = np.array(self.offsets), np.array(self.gains)
+        for leg in legs.values() if isinstance(legs, Mapping) else legs:
             if leg.length_unit != self.length_unit:
                 raise InputError(f"leg {leg.number} is in {leg.length_unit}, the robot in {self.length_unit}")
             k = leg.number - 1
-            arrays["base_points"][k], arrays["platform_points"][k] = leg.base_point, leg.platform_point
-            arrays["offsets"][k], arrays["gains"][k] = leg.offset, leg.gain
-        return replace(self, name=self.name if name is None else name, **arrays)
+            base[k], platform[k] = leg.base_point, leg.platform_point
+            offsets[k], gains[k] = leg.offset, leg.gain
+        return replace(
+            self,
+            name=self.name if name is None else name,
+            base_points=base,
+            platform_points=platform,
+            offsets=offsets,
+            gains=gains,
+        )
 
     def perturbed(self, amount: float, *, offsets: float = 0.0, rng: int | np.random.Generator) -> Hexapod:
         """A nominal that is off: every joint coordinate moved by a uniform error in ±`amount`.

@@ -40,9 +40,7 @@ def read_robot(path: Path) -> Hexapod:
         raise FileFormatError(f"{path}: is not a TOML file ({error})") from None
     missing = [key for key in _REQUIRED if key not in data]
     if missing:
-        raise FileFormatError(
-            f"{path}: misses {', '.join(missing)}; a robot file needs {', '.join(_REQUIRED)}"
-        )
+        raise FileFormatError(f"{path}: misses {', '.join(missing)}; a robot file needs {', '.join(_REQUIRED)}")
     unknown = set(data) - {*_REQUIRED, *_OPTIONAL, "limits", "ranges"}
     if unknown:
         raise FileFormatError(
@@ -65,9 +63,10 @@ def _table(kind: type[Limits] | type[PoseRanges], table: dict[str, Any]) -> Any:
     if not isinstance(table, dict) or set(table) - known:
         raise InputError(f"[{kind.__name__.lower()}]: expected a table with {', '.join(sorted(known))}")
     try:
-        return kind(
-            **{key: tuple(value) if isinstance(value, list) else value for key, value in table.items()}
-        )
+        settings: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in table.items()
+        }
+        return kind(**settings)
     except TypeError as error:
         raise InputError(f"[{kind.__name__.lower()}]: {error}") from None
 
@@ -76,9 +75,7 @@ def _plain(record: object) -> dict[str, Any]:
     """The fields of a dataclass that are not None, tuples as lists."""
     values = {item.name: getattr(record, item.name) for item in fields(record)}  # type: ignore[arg-type]
     return {
-        key: list(value) if isinstance(value, tuple) else value
-        for key, value in values.items()
-        if value is not None
+        key: list(value) if isinstance(value, tuple) else value for key, value in values.items() if value is not None
     }
 
 

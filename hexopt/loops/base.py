@@ -79,8 +79,7 @@ class Loop(ABC):
         name = type(self).__name__
         if not isinstance(data, LegMeasurements):
             raise InputError(
-                f"{name}: expected LegMeasurements, got {type(data).__name__}; "
-                "for six readings write data.leg(k)"
+                f"{name}: expected LegMeasurements, got {type(data).__name__}; for six readings write data.leg(k)"
             )
         if data.lock not in self.locks:
             wanted = " or ".join(repr(str(lock)) for lock in self.locks)
@@ -91,10 +90,7 @@ class Loop(ABC):
         self._known, self._known_roots = self._collect_known(given)
         unit = data.length_unit
         self.parameters = Parameters(
-            tuple(
-                Block(key, LEG_BLOCKS[key], unit if key != "gain" else f"{unit}/reading")
-                for key in self.unknown
-            )
+            tuple(Block(key, LEG_BLOCKS[key], unit if key != "gain" else f"{unit}/reading") for key in self.unknown)
             + tuple(
                 Block(key, size, self.nuisance_unit.format(unit=unit), nuisance=True)
                 for key, size in self.nuisance.items()
@@ -127,11 +123,7 @@ class Loop(ABC):
     # --- known and unknown ------------------------------------------------------------------------
 
     def _check_unknown(self, unknown: Any, given: Mapping[str, Any]) -> tuple[str, ...]:
-        names = (
-            self.default_unknown
-            if unknown is None
-            else tuple([unknown] if isinstance(unknown, str) else unknown)
-        )
+        names = self.default_unknown if unknown is None else tuple([unknown] if isinstance(unknown, str) else unknown)
         strange = [name for name in names if name not in self.involved]
         if strange or not names:
             raise InputError(
@@ -139,9 +131,7 @@ class Loop(ABC):
             )
         both = [name for name in names if given[name] is not None]
         if both:
-            raise InputError(
-                f"{', '.join(both)}: both given and unknown; name the unknown ones by unknown=(…)"
-            )
+            raise InputError(f"{', '.join(both)}: both given and unknown; name the unknown ones by unknown=(…)")
         return tuple(name for name in LEG_BLOCKS if name in names)
 
     def _collect_known(self, given: Mapping[str, Any]) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -193,9 +183,7 @@ class Loop(ABC):
         if any(name not in parts for name in self.nuisance):
             parts |= self._nuisance_values({**self._known, **parts})
         shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts.values()))
-        ordered = [
-            np.broadcast_to(parts[name], (*shape, parts[name].shape[-1])) for name in self.parameters.names
-        ]
+        ordered = [np.broadcast_to(parts[name], (*shape, parts[name].shape[-1])) for name in self.parameters.names]
         return np.concatenate(ordered, axis=-1)
 
     def _blocks(self, x: npt.ArrayLike | Leg | Estimate) -> dict[str, Array]:
@@ -234,9 +222,7 @@ class Loop(ABC):
         """
         noise = self.data.noise
         if noise is None:
-            raise InputError(
-                f"{type(self).__name__}: the measurements have no noise model; give them noise=…"
-            )
+            raise InputError(f"{type(self).__name__}: the measurements have no noise model; give them noise=…")
         blocks = self._blocks(values)
         jacobian = self._noise_columns(blocks)
         own = jacobian @ noise.covariance(self.data.rotation) @ np.swapaxes(jacobian, -1, -2)

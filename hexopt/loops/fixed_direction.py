@@ -70,9 +70,7 @@ class FixedDirection(Loop):
 
     def _misclosure(self, blocks: Mapping[str, Array]) -> Array:
         along = self._true_length(blocks)[..., None] * blocks["direction"][..., None, :]
-        misclosure: Array = (
-            self.data.position + self._arm(blocks) - blocks["base_point"][..., None, :] - along
-        )
+        misclosure: Array = self.data.position + self._arm(blocks) - blocks["base_point"][..., None, :] - along
         return misclosure
 
     def _columns(self, blocks: Mapping[str, Array]) -> dict[str, Array]:

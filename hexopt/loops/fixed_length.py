@@ -77,10 +77,7 @@ class FixedLength(Loop):
     def _misclosure(self, blocks: Mapping[str, Array]) -> Array:
         points = self._points(blocks)
         centre = (blocks["base_point"] - self.origin)[..., None, :]
-        return (
-            np.einsum("...i,...i->...", points, centre - 0.5 * points)[..., None]
-            + blocks["sphere"][..., None, :]
-        )
+        return np.einsum("...i,...i->...", points, centre - 0.5 * points)[..., None] + blocks["sphere"][..., None, :]
 
     def _columns(self, blocks: Mapping[str, Array]) -> dict[str, Array]:
         points, spokes = self._spokes(blocks)

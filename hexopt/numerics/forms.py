@@ -80,8 +80,7 @@ class Consecutive:
     def apply(self, rows: Array) -> Array:
         """Weighted differences of neighbours."""
         difference: Array = (
-            self.later[..., None, None] * rows[..., 1:, :, :]
-            - self.earlier[..., None, None] * rows[..., :-1, :, :]
+            self.later[..., None, None] * rows[..., 1:, :, :] - self.earlier[..., None, None] * rows[..., :-1, :, :]
         )
         return difference
 
