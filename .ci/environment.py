@@ -1,6 +1,6 @@
 """Make the virtual environment that environment.lock describes, unless it stands already.
 
-Usage: python tools/environment.py DIRECTORY
+Usage: python .ci/environment.py DIRECTORY
 
 The Makefile runs this before every target that needs the environment. It uses the standard library alone,
 and the Python that runs it is the Python of the environment.

@@ -94,7 +94,7 @@ def as_generator(rng: int | np.random.Generator | np.random.SeedSequence | None)
 
 def matvec(matrix: Array, vector: Array) -> Array:
     """Batched matrix–vector product, ``(..., m, n) @ (..., n)``."""
-    product: Array = (matrix @ vector[..., None])[..., 0]
+    product: Array = np.einsum("...mn,...n->...m", matrix, vector)
     return product
 
 

@@ -118,6 +118,8 @@ class Parameters:
         weights = np.asarray(vector, dtype=float)
         weights = weights / np.abs(weights).max()
         order = [i for i in range(len(weights)) if abs(weights[i]) >= threshold]
+        if order and weights[order[0]] < 0:
+            weights = -weights
         text = ""
         for i in order:
             sign = "−" if weights[i] < 0 else "+"

@@ -75,7 +75,7 @@ class _Sampler:
         shape = (n_sets, n_poses)
         direction, length = held
         half = np.asarray(self.ranges.angles)
-        angles = self.rng.uniform(-half, half, (*shape, 3))
+        angles = half * self.rng.uniform(-1.0, 1.0, (*shape, 3))
         rotation = self.robot.home_rotation @ euler_to_matrix(angles, self.ranges.sequence)
         if direction is None:
             direction = self.directions(shape, self.ranges.cone)

@@ -277,10 +277,11 @@ def _raise(result: Estimate) -> None:
     bad = np.ravel(result.codes)[np.ravel(result.codes) != Status.OPTIMAL]
     share = f" in {bad.size} of {result.codes.size} problems" if result.batch_shape else ""
     worst = Status(int(bad[0]))
+    who = result.estimator.partition("(")[0]
     if worst is Status.RANK_DEFICIENT:
         raise RankDeficientError(
-            f"{result.estimator}: the measurements{share} do not determine all parameters; unseen: "
+            f"{who}: the measurements{share} do not determine all parameters; unseen: "
             f"{'; '.join(result.unseen)}. Add poses that differ, or give these values as known",
             result.unseen,
         )
-    raise EstimationError(f"{result.estimator}: ended with status {worst.name}{share}; no value can be trusted")
+    raise EstimationError(f"{who}: ended with status {worst.name}{share}; no value can be trusted")

@@ -11,14 +11,15 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, NumericalWarning, RankDeficientError
 from ..numerics.forms import Centred
-from ..numerics.lstsq import EPS, LstsqSolution, null_combinations, solve_normal_equations, solve_svd
+from ..numerics.lstsq import EPS, LstsqSolution, null_combinations, solve, solve_normal_equations, solve_svd
 from ..problem import LinearProblem, Whitening
 from ..result import Estimate, Status
 
-__all__ = ["LeastSquares", "check_rows", "linear_uncertainty", "status_of", "unseen_combinations"]
+__all__ = ["LeastSquares", "check_rows", "degrees_of_freedom", "linear_uncertainty", "status_of", "unseen_combinations"]
 
 #: Beyond this condition number the normal equations may lose more than 100·eps·κ.
 NORMAL_EQUATIONS_LIMIT = 100.0
+_SOLVERS = {"auto": solve, "svd": solve_svd, "normal": solve_normal_equations}
 
 
 @dataclass(frozen=True)
@@ -27,12 +28,15 @@ class LeastSquares:
 
     Parameters
     ----------
-    method : {"svd", "normal"}, default "svd"
-        "svd": singular values of the column-scaled matrix. "normal": :math:`(A^TA)^{-1}A^Ty` as the paper
+    method : {"auto", "svd", "normal"}, default "auto"
+        "svd": singular values of the column-scaled matrix. "auto": the same accuracy, by the refined Gram
+        matrix where the condition number is below 1000. "normal": :math:`(A^TA)^{-1}A^Ty` as the paper
         writes it, which squares the condition number and warns where that costs digits.
     weights : None or "model", default None
         None: raw rows, as in the paper. "model": rows whitened by the noise model (generalised least
         squares), whose covariance is evaluated at the unweighted solution or at ``linear(at=…)``.
+    covariance : bool, default True
+        Whether to compute the covariance and the influence; sweeps that need neither save half the time.
 
     Notes
     -----
@@ -55,30 +59,38 @@ class LeastSquares:
     (<Status.OPTIMAL: 0>, 'sandwich')
     """
 
-    method: Literal["svd", "normal"] = "svd"
+    method: Literal["auto", "svd", "normal"] = "auto"
     weights: Literal["model"] | None = None
+    covariance: bool = True
 
     accepts: ClassVar[tuple[type, ...]] = (LinearProblem,)
     hint: ClassVar[str] = 'write estimate(loop.linear(form="direct"), LeastSquares())'
 
     def __post_init__(self) -> None:
-        if self.method not in ("svd", "normal"):
-            raise InputError(f"method: expected 'svd' or 'normal', got {self.method!r}")
+        if self.method not in _SOLVERS:
+            raise InputError(f"method: expected {', '.join(map(repr, _SOLVERS))}; got {self.method!r}")
         if self.weights not in (None, "model"):
             raise InputError(f"weights: expected None or 'model', got {self.weights!r}")
 
     def fit(self, target: LinearProblem) -> Estimate:
         """Solve every problem of the batch; a rank-deficient member fails alone."""
         check_rows(target)
-        solve = solve_svd if self.method == "svd" else solve_normal_equations
+        solver = _SOLVERS[self.method]
         root = target.whitening() if self.weights == "model" else None
         if root is None:
-            solution = solve(target.matrix, target.rhs)
+            solution = solver(target.matrix, target.rhs)
         else:
-            solution = solve(root.apply(target.matrix), root.apply(target.rhs[..., None])[..., 0])
+            solution = solver(root.apply(target.matrix), root.apply(target.rhs[..., None])[..., 0])
         if self.method == "normal":
             _warn_of_lost_digits(solution.condition)
-        uncertainty = linear_uncertainty(target, solution, root, solution.values)
+        if self.covariance:
+            uncertainty = linear_uncertainty(target, solution, root, solution.values)
+        else:
+            uncertainty = {
+                "covariance": None,
+                "covariance_kind": "not asked for (covariance=False)",
+                "degrees_of_freedom": degrees_of_freedom(target),
+            }
         return Estimate(
             values=solution.values,
             parameters=target.parameters,
@@ -123,6 +135,12 @@ def _combinations(problem: LinearProblem, index: tuple[np.intp, ...]) -> tuple[s
     return tuple(problem.parameters.combination(vector) for vector in null_combinations(matrix))
 
 
+def degrees_of_freedom(problem: LinearProblem) -> int:
+    """Rows minus unknowns; a centred form has used one block of rows for the mean."""
+    rows, unknowns = problem.matrix.shape[-2:]
+    return rows - unknowns - (problem.rows_per_block if isinstance(problem.form, Centred) else 0)
+
+
 def linear_uncertainty(
     problem: LinearProblem, solution: LstsqSolution, root: Whitening | None, values: Array
 ) -> dict[str, Any]:
@@ -130,8 +148,7 @@ def linear_uncertainty(
 
     `values` is where the noise model is evaluated; `root` is the whitening that was used, if any.
     """
-    rows, unknowns = problem.matrix.shape[-2:]
-    freedom = rows - unknowns - (problem.rows_per_block if isinstance(problem.form, Centred) else 0)
+    freedom = degrees_of_freedom(problem)
     gain = solution.inverse if root is None else root.after(solution.inverse)
     influence = problem.direct_gain(gain)
     result: dict[str, Any] = {"influence": influence, "degrees_of_freedom": freedom}
@@ -156,7 +173,7 @@ def _warn_of_lost_digits(condition: Array) -> None:
         warnings.warn(
             f"normal equations: {int(bad.sum())} of {bad.size} problems have a condition number above "
             f"{NORMAL_EQUATIONS_LIMIT:g} (worst {worst:.2g}); their square costs digits (relative error up to "
-            f"{lost:.1g}). Use LeastSquares(method='svd')",
+            f"{lost:.1g}). Use LeastSquares()",
             NumericalWarning,
             stacklevel=4,
         )

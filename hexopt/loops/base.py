@@ -197,11 +197,15 @@ class Loop(ABC):
 
     def jacobian(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
         r""":math:`G_i = \partial g_i/\partial x`, shape (..., n, d, p)."""
-        columns = self._columns(self._blocks(x))
-        shape = np.broadcast_shapes(*(column.shape[:-1] for column in columns.values()))
-        out = np.empty((*shape, self.parameters.size))
-        for name in self.parameters.names:
-            out[..., self.parameters[name]] = columns[name]
+        return self._assembled(self._columns(self._blocks(x)), self.parameters)
+
+    @staticmethod
+    def _assembled(columns: Mapping[str, Array], parameters: Parameters) -> Array:
+        """The columns of some parameters side by side, (..., n, d, p)."""
+        shape = np.broadcast_shapes(*(columns[name].shape[:-1] for name in parameters.names))
+        out = np.empty((*shape, parameters.size))
+        for name in parameters.names:
+            out[..., parameters[name]] = columns[name]
         return out
 
     def noise_jacobian(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
@@ -271,15 +275,14 @@ class Loop(ABC):
                 f"{name} is linear in {options}, not in {{{', '.join(self.unknown)}}} together; "
                 "give some of them as known, or use a nonlinear estimator on the loop itself"
             )
-        zero = np.zeros((*self.data.batch_shape, self.parameters.size))
-        matrix, rhs = self.jacobian(zero), -self.residual(zero)
         multiplier: Form = Direct()
         parameters = self.parameters
         if form != "direct":
             multiplier = self._consecutive() if form == "consecutive" else Centred()
             parameters = parameters.main
-            matrix = multiplier.apply(matrix[..., : parameters.size])
-            rhs = multiplier.apply(rhs[..., None])[..., 0]
+        zero = self._blocks(np.zeros((*self.data.batch_shape, self.parameters.size)))
+        matrix = multiplier.apply(self._assembled(self._columns(zero), parameters))
+        rhs = -multiplier.apply(self._misclosure(zero)[..., None])[..., 0]
         flat = (-1,) if self.data.n_poses > (form == "consecutive") else (0,)
         batch = rhs.shape[:-2]
         return LinearProblem(

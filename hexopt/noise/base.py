@@ -8,7 +8,8 @@ import numpy as np
 
 from ..arrays import Array, as_array, transpose
 from ..errors import InputError
-from ..rotations import euler_jacobian, euler_to_matrix, matrix_to_euler, rotation_vector_to_matrix
+from ..rotations import euler_jacobian, euler_to_matrix, rotation_vector_to_matrix
+from ..rotations.euler import euler_angles
 
 __all__ = ["Noise", "angle_jacobian", "check_amounts", "structured_covariance", "turn"]
 
@@ -42,14 +43,14 @@ def turn(rotation: Array, error: Array, coordinates: str) -> Array:
     """`rotation` with an error of its angles, in the named coordinates."""
     if coordinates == ROTATION_VECTOR:
         return rotation_vector_to_matrix(error) @ rotation
-    return euler_to_matrix(matrix_to_euler(rotation, coordinates) + error, coordinates)
+    return euler_to_matrix(euler_angles(rotation, coordinates) + error, coordinates)
 
 
 def angle_jacobian(rotation: Array, coordinates: str) -> Array:
     """δω per unit error of the angles."""
     if coordinates == ROTATION_VECTOR:
         return np.broadcast_to(np.eye(3), rotation.shape)
-    return euler_jacobian(matrix_to_euler(rotation, coordinates), coordinates)
+    return euler_jacobian(euler_angles(rotation, coordinates), coordinates)
 
 
 def check_amounts(noise: Any) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import Array, as_array, transpose
+from ..arrays import Array, as_array
 from ..errors import InputError
 
 __all__ = ["at_index", "check_rotation", "skew"]
@@ -40,15 +40,21 @@ def check_rotation(name: str, matrix: npt.ArrayLike, *, tolerance: float = ORTHO
     rotation = as_array(name, matrix, (3, 3))
     if rotation.size == 0:
         return rotation
-    error = np.abs(transpose(rotation) @ rotation - np.eye(3)).max(axis=(-2, -1))
+    x, y, z = rotation[..., 0], rotation[..., 1], rotation[..., 2]
+    error = np.asarray(np.abs(_dot(x, x) - 1.0))
+    for left, right, product in ((y, y, 1.0), (z, z, 1.0), (x, y, 0.0), (x, z, 0.0), (y, z, 0.0)):
+        np.maximum(error, np.abs(_dot(left, right) - product), out=error)
     if (error > tolerance).any():
         where = np.unravel_index(int(np.argmax(error)), error.shape)
         raise InputError(
             f"{name}: the matrix{at_index(where)} is not orthonormal (R'R differs from the identity by "
             f"{error[where]:.1e}, allowed {tolerance:.0e}); is it scaled, or rounded to few digits?"
         )
-    x, y, z = rotation[..., 0], rotation[..., 1], rotation[..., 2]
-    handedness = np.einsum("...i,...i->...", np.cross(x, y), z)
+    handedness = (  # (x × y)·z, the determinant; numpy.cross is slow
+        (x[..., 1] * y[..., 2] - x[..., 2] * y[..., 1]) * z[..., 0]
+        + (x[..., 2] * y[..., 0] - x[..., 0] * y[..., 2]) * z[..., 1]
+        + (x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0]) * z[..., 2]
+    )
     if (handedness < 0).any():
         where = np.unravel_index(int(np.argmin(handedness)), handedness.shape)
         raise InputError(
@@ -56,6 +62,11 @@ def check_rotation(name: str, matrix: npt.ArrayLike, *, tolerance: float = ORTHO
             "rotation; check the order and signs of its axes"
         )
     return rotation
+
+
+def _dot(left: Array, right: Array) -> Array:
+    # asarray: a single matrix gives a scalar, and the caller writes into the result
+    return np.asarray(np.einsum("...i,...i->...", left, right))
 
 
 def at_index(where: tuple[np.intp, ...]) -> str:

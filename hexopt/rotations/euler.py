@@ -9,7 +9,7 @@ from ..arrays import Array, as_array, matvec
 from ..errors import InputError
 from .checks import check_rotation
 
-__all__ = ["euler_jacobian", "euler_to_matrix", "matrix_to_euler"]
+__all__ = ["euler_angles", "euler_jacobian", "euler_to_matrix", "matrix_to_euler"]
 
 
 def _axes(sequence: str) -> tuple[tuple[int, int, int], bool]:
@@ -29,6 +29,11 @@ def _axes(sequence: str) -> tuple[tuple[int, int, int], bool]:
         )
     first, second, third = ("xyz".index(letter) for letter in sequence.lower())
     return ((third, second, first) if extrinsic else (first, second, third)), extrinsic
+
+
+def _parity(i: int, j: int) -> float:
+    """+1 where the axes i, j and the third follow each other in cyclic order."""
+    return 1.0 if (j - i) % 3 == 1 else -1.0
 
 
 def _axis_rotation(axis: int, angle: Array) -> Array:
@@ -71,7 +76,21 @@ def euler_to_matrix(angles: npt.ArrayLike, sequence: str = "ZXZ") -> Array:
     q = as_array("angles", angles, (3,))
     if extrinsic:
         q = q[..., ::-1]
-    return _axis_rotation(i, q[..., 0]) @ _axis_rotation(j, q[..., 1]) @ _axis_rotation(k, q[..., 2])
+    sign = _parity(i, j)
+    c1, c2, c3 = np.moveaxis(np.cos(q), -1, 0)
+    s1, s2, s3 = sign * np.moveaxis(np.sin(q), -1, 0)  # an odd order of axes mirrors every angle
+    out = np.empty((*q.shape, 3))
+    if i == k:
+        k = 3 - i - j
+        out[..., i, i], out[..., i, j], out[..., i, k] = c2, s2 * s3, s2 * c3
+        out[..., j, i], out[..., k, i] = s1 * s2, -c1 * s2
+        out[..., j, j], out[..., j, k] = c1 * c3 - s1 * c2 * s3, -c1 * s3 - s1 * c2 * c3
+        out[..., k, j], out[..., k, k] = s1 * c3 + c1 * c2 * s3, c1 * c2 * c3 - s1 * s3
+    else:
+        out[..., i, i], out[..., i, j], out[..., i, k] = c2 * c3, -c2 * s3, s2
+        out[..., j, i], out[..., j, j], out[..., j, k] = c1 * s3 + s1 * s2 * c3, c1 * c3 - s1 * s2 * s3, -s1 * c2
+        out[..., k, i], out[..., k, j], out[..., k, k] = s1 * s3 - c1 * s2 * c3, s1 * c3 + c1 * s2 * s3, c1 * c2
+    return out
 
 
 def matrix_to_euler(matrix: npt.ArrayLike, sequence: str = "ZXZ") -> Array:
@@ -91,12 +110,16 @@ def matrix_to_euler(matrix: npt.ArrayLike, sequence: str = "ZXZ") -> Array:
     ndarray, shape (..., 3)
         Angles in radians.
     """
+    return euler_angles(check_rotation("matrix", matrix), sequence)
+
+
+def euler_angles(r: Array, sequence: str) -> Array:
+    """:func:`matrix_to_euler` of matrices that are rotations already."""
     (i, j, k), extrinsic = _axes(sequence)
-    r = check_rotation("matrix", matrix)
     proper = i == k
     if proper:
         k = 3 - i - j
-    sign = 1.0 if (j - i) % 3 == 1 else -1.0
+    sign = _parity(i, j)
     if proper:
         first = np.arctan2(r[..., j, i], -sign * r[..., k, i])
         middle = np.arctan2(np.hypot(r[..., j, i], r[..., k, i]), r[..., i, i])
