@@ -130,12 +130,12 @@ def solve(matrix: Array, rhs: Array) -> LstsqSolution:
 def _inverse_or_nan(gram: Array) -> Array:
     """Inverses of a batch; where one is singular NumPy refuses the whole batch, so those become NaN."""
     try:
-        return np.linalg.inv(gram)
+        inverse: Array = np.asarray(np.linalg.inv(gram), dtype=np.float64)
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(gram)
         values = np.where(values[..., :1] > 0, values, np.nan)
-        inverse: Array = (vectors / values[..., None, :]) @ transpose(vectors)
-        return inverse
+        inverse = (vectors / values[..., None, :]) @ transpose(vectors)
+    return inverse
 
 
 def _frobenius(matrix: Array) -> Array:
