@@ -198,7 +198,12 @@ class LinearProblem:
 
     def whitened(self) -> tuple[Array, Array]:
         """Matrix and right-hand side under :meth:`whitening`, shapes (..., m, p) and (..., m)."""
-        root = self.whitening()
+        return self.whitened_by(self.whitening())
+
+    def whitened_by(self, root: Whitening | None) -> tuple[Array, Array]:
+        """Matrix and right-hand side under a whitening, or as they are under None."""
+        if root is None:
+            return self.matrix, self.rhs
         return root.apply(self.matrix), root.apply(self.rhs[..., None])[..., 0]
 
     def _dense(self, covariance: RowCovariance) -> Array:

@@ -80,8 +80,7 @@ class ConvexEstimator:
         """Solve every problem of the batch in turn; one that fails, fails alone."""
         check_rows(target)
         root = target.whitening() if self.weights == "model" else None
-        matrix = target.matrix if root is None else root.apply(target.matrix)
-        rhs = target.rhs if root is None else root.apply(target.rhs[..., None])[..., 0]
+        matrix, rhs = target.whitened_by(root)
         reference = solve_svd(matrix, rhs)
         values = np.full(reference.values.shape, np.nan)
         codes = np.full(target.batch_shape, Status.RANK_DEFICIENT, dtype=np.int8)

@@ -104,8 +104,7 @@ class InverseKinematics:
 
     def _estimate(self, loop: LegLength, values: Array, converged: Any, iterations: Any, root: Any) -> Estimate:
         problem = loop.linearised(values)
-        matrix = problem.matrix if root is None else root.apply(problem.matrix)
-        rhs = problem.rhs if root is None else root.apply(problem.rhs[..., None])[..., 0]
+        matrix, rhs = problem.whitened_by(root)
         local = solve_svd(matrix, rhs)
         codes = np.where(converged, Status.OPTIMAL, Status.NOT_CONVERGED)
         codes = np.where(local.full_rank, codes, Status.RANK_DEFICIENT).astype(np.int8)

@@ -77,10 +77,7 @@ class LeastSquares:
         check_rows(target)
         solver = _SOLVERS[self.method]
         root = target.whitening() if self.weights == "model" else None
-        if root is None:
-            solution = solver(target.matrix, target.rhs)
-        else:
-            solution = solver(root.apply(target.matrix), root.apply(target.rhs[..., None])[..., 0])
+        solution = solver(*target.whitened_by(root), inverse=self.covariance)
         if self.method == "normal":
             _warn_of_lost_digits(solution.condition)
         if self.covariance:

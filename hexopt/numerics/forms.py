@@ -79,9 +79,8 @@ class Consecutive:
 
     def apply(self, rows: Array) -> Array:
         """Weighted differences of neighbours."""
-        difference: Array = (
-            self.later[..., None, None] * rows[..., 1:, :, :] - self.earlier[..., None, None] * rows[..., :-1, :, :]
-        )
+        difference: Array = self.later[..., None, None] * rows[..., 1:, :, :]
+        difference -= self.earlier[..., None, None] * rows[..., :-1, :, :]
         return difference
 
     def adjoint(self, rows: Array) -> Array:

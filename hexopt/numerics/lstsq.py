@@ -53,7 +53,7 @@ def rank_tolerance(rows: int, columns: int) -> float:
     return 4.0 * max(rows, columns) * EPS
 
 
-def solve_svd(matrix: Array, rhs: Array) -> LstsqSolution:
+def solve_svd(matrix: Array, rhs: Array, *, inverse: bool = True) -> LstsqSolution:
     r"""Least squares by the singular values of the column-scaled matrix, batched.
 
     Parameters
@@ -61,6 +61,8 @@ def solve_svd(matrix: Array, rhs: Array) -> LstsqSolution:
     matrix : ndarray, shape (..., m, p)
         With m ≥ p.
     rhs : ndarray, shape (..., m)
+    inverse : bool, default True
+        As in :func:`solve`.
 
     Notes
     -----
@@ -84,47 +86,57 @@ def solve_svd(matrix: Array, rhs: Array) -> LstsqSolution:
         values,
         full_rank,
         condition,
-        back @ left,
+        back @ left if inverse else np.empty((*values.shape, 0)),
         0.5 * np.einsum("...m,...m->...", residual, residual),
         0.5 * np.einsum("...p,...p->...", projected, projected),
     )
 
 
-def solve(matrix: Array, rhs: Array) -> LstsqSolution:
+def solve(matrix: Array, rhs: Array, *, inverse: bool = True) -> LstsqSolution:
     r"""Least squares to the accuracy of an orthogonal factorisation, as fast as the condition allows.
 
     Where the condition number :math:`\kappa` of the column-scaled matrix is below 1000, its Gram matrix G
-    is inverted and the solution refined twice with the residual: the first error
-    :math:`\epsilon\kappa^2` shrinks by that factor each time, down to :math:`\epsilon\kappa`. Elsewhere
-    :func:`solve_svd` takes over, problem by problem. Here `condition` is
-    :math:`\sqrt{\lVert G\rVert_F \lVert G^{-1}\rVert_F}`, which lies between :math:`\kappa` and
-    :math:`\sqrt{p}\,\kappa`.
+    is inverted and the solution refined once with the residual: the first error :math:`\epsilon\kappa^2`
+    is squared, which leaves :math:`\epsilon\kappa`. Elsewhere :func:`solve_svd` takes over, problem by
+    problem. Here `condition` is :math:`\sqrt{\lVert G\rVert_F \lVert G^{-1}\rVert_F}`, which lies between
+    :math:`\kappa` and :math:`\sqrt{p}\,\kappa`.
+
+    Parameters
+    ----------
+    matrix, rhs : ndarray, shape (..., m, p) and (..., m)
+    inverse : bool, default True
+        Whether to form the pseudo-inverse; without it that field is empty, (..., p, 0).
     """
-    scale = _column_scale(matrix)
-    scaled = matrix / scale[..., None, :]
-    left = transpose(scaled)
-    gram = left @ scaled
-    inverse = _inverse_or_nan(gram)
+    left = transpose(matrix)
+    gram = left @ matrix
+    scale = np.sqrt(np.einsum("...pp->...p", gram))
+    scale[scale == 0] = 1.0
+    gram /= scale[..., :, None] * scale[..., None, :]
+    inner = _inverse_or_nan(gram)
     with np.errstate(invalid="ignore"):
-        condition = np.sqrt(_frobenius(gram) * _frobenius(inverse))
-        good: BoolArray = condition < GRAM_LIMIT
-    back = inverse @ left
-    values = matvec(back, rhs)
-    for _ in range(2):
-        values += matvec(back, rhs - matvec(scaled, values))
-    residual = rhs - matvec(scaled, values)
-    gradient = matvec(left, residual)
+        condition = np.sqrt(_frobenius(gram) * _frobenius(inner))
+        good: BoolArray = np.asarray(condition < GRAM_LIMIT)
+
+    def back(residual: Array) -> tuple[Array, Array]:
+        """The scaled gradient A'r of a residual, and the step that it asks for, in units of x."""
+        gradient = np.einsum("...mp,...m->...p", matrix, residual) / scale
+        return gradient, matvec(inner, gradient) / scale
+
+    values = back(rhs)[1]
+    values += back(rhs - matvec(matrix, values))[1]
+    residual = rhs - matvec(matrix, values)
+    gradient, step = back(residual)
     solution = LstsqSolution(
-        values / scale,
-        np.array(good),
-        np.array(condition),
-        back / scale[..., :, None],
+        values,
+        good,
+        np.asarray(condition),
+        (inner / scale[..., None, :] / scale[..., :, None]) @ left if inverse else np.empty((*values.shape, 0)),
         0.5 * np.einsum("...m,...m->...", residual, residual),
-        0.5 * np.einsum("...p,...pq,...q->...", gradient, inverse, gradient),
+        0.5 * np.einsum("...p,...p->...", gradient, step * scale),
     )
     if good.all():
         return solution
-    return _replaced(solution, ~good, solve_svd(matrix[~good], rhs[~good]))
+    return _replaced(solution, ~good, solve_svd(matrix[~good], rhs[~good], inverse=inverse))
 
 
 def _inverse_or_nan(gram: Array) -> Array:
@@ -150,7 +162,7 @@ def _replaced(solution: LstsqSolution, where: BoolArray, other: LstsqSolution) -
     return LstsqSolution(**parts)
 
 
-def solve_normal_equations(matrix: Array, rhs: Array) -> LstsqSolution:
+def solve_normal_equations(matrix: Array, rhs: Array, *, inverse: bool = True) -> LstsqSolution:
     r"""Least squares as the paper writes it, :math:`x = (A^T A)^{-1} A^T y`, batched.
 
     The condition number is squared on the way: where :math:`\kappa^2` reaches 1/eps, no digit is left.
@@ -161,9 +173,9 @@ def solve_normal_equations(matrix: Array, rhs: Array) -> LstsqSolution:
     eigenvalues = np.linalg.eigvalsh(gram / scale[..., None, :] / scale[..., :, None])
     full_rank: BoolArray = eigenvalues[..., 0] > rank_tolerance(*matrix.shape[-2:]) * eigenvalues[..., -1]
     safe = np.where(full_rank[..., None, None], gram, np.eye(matrix.shape[-1]))
-    inverse = np.linalg.inv(safe)
-    inverse[~full_rank] = np.nan
-    values = matvec(inverse, matvec(transposed, rhs))
+    inner = np.linalg.inv(safe)
+    inner[~full_rank] = np.nan
+    values = matvec(inner, matvec(transposed, rhs))
     residual = matvec(matrix, values) - rhs
     gradient = matvec(transposed, residual)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -172,9 +184,9 @@ def solve_normal_equations(matrix: Array, rhs: Array) -> LstsqSolution:
         values,
         full_rank,
         condition,
-        inverse @ transposed,
+        inner @ transposed if inverse else np.empty((*values.shape, 0)),
         0.5 * np.einsum("...m,...m->...", residual, residual),
-        0.5 * np.abs(np.einsum("...p,...pq,...q->...", gradient, inverse, gradient)),
+        0.5 * np.abs(np.einsum("...p,...pq,...q->...", gradient, inner, gradient)),
     )
 
 

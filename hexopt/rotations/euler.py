@@ -77,9 +77,10 @@ def euler_to_matrix(angles: npt.ArrayLike, sequence: str = "ZXZ") -> Array:
     if extrinsic:
         q = q[..., ::-1]
     sign = _parity(i, j)
-    c1, c2, c3 = np.moveaxis(np.cos(q), -1, 0)
-    s1, s2, s3 = sign * np.moveaxis(np.sin(q), -1, 0)  # an odd order of axes mirrors every angle
-    out = np.empty((*q.shape, 3))
+    q = np.ascontiguousarray(np.moveaxis(q, -1, 0))  # one array an angle: the products below are then fast
+    c1, c2, c3 = np.cos(q)
+    s1, s2, s3 = sign * np.sin(q)  # an odd order of axes mirrors every angle
+    out = np.empty((*q.shape[1:], 3, 3))
     if i == k:
         k = 3 - i - j
         out[..., i, i], out[..., i, j], out[..., i, k] = c2, s2 * s3, s2 * c3
@@ -121,7 +122,7 @@ def euler_angles(r: Array, sequence: str) -> Array:
         k = 3 - i - j
     sign = _parity(i, j)
     if proper:
-        first = np.arctan2(r[..., j, i], -sign * r[..., k, i])
+        first = np.arctan2(r[..., j, i], -sign * r[..., k, i] + 0.0)  # + 0.0: no −0, whose angle is π
         middle = np.arctan2(np.hypot(r[..., j, i], r[..., k, i]), r[..., i, i])
     else:
         first = np.arctan2(-sign * r[..., j, k], r[..., k, k])

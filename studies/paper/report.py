@@ -13,9 +13,9 @@ from studies.harness.figures import save_figure, use_style
 from studies.harness.html import Report, Section, provenance
 from studies.paper.figures import PAPER, factors_over_ranges, figure_5_and_6, figure_7_and_8, figure_9_and_10
 from studies.paper.published import B_PRINTED, FACTORS, INNOCENTI
-from studies.paper.scenarios import N1
+from studies.paper.scenarios import N1, SCENARIOS
 
-BY = ["experiment", "kind", "leg", "n_poses", "level", "source", "varied", "setting", "method"]
+SETTINGS = ("experiment", "kind", "leg", "n_poses", "level", "source", "varied", "setting")
 VALUES = ["base_error", "platform_error", "offset_error"]
 NAMES = {"direction": "Type I", "leg": "Type II", "length": "Type III"}
 POINT = {"base_error": "base point a", "platform_error": "platform point b", "offset_error": "offset δ"}
@@ -24,9 +24,7 @@ POINT = {"base_error": "base point a", "platform_error": "platform point b", "of
 def write(out: Path) -> Path:
     """Figures into ``out/figures`` and the page ``out/report.html``, from the rows in `out` alone."""
     use_style()
-    table = aggregate(out, BY, VALUES, ok="ok", quantiles=(0.05, 0.5, 0.95)).reset_index()
-    expected = (table["count"] + table["failures"]) > 0
-    table = table[expected & ~((table["count"] == 0) & _never_estimated(table))]
+    table = _statistics(out)
     robot = hx.robots.left_hand()
     ranges = robot.ranges.describe(robot.length_unit)
     report = Report(
@@ -51,6 +49,14 @@ def write(out: Path) -> Path:
     _exactness_section(report, table, robot)
     _reading_section(report, table)
     return report.write(out / "report.html", provenance(out))
+
+
+def _statistics(out: Path) -> pd.DataFrame:
+    """A row for each scenario, method and estimated value."""
+    table = aggregate(out, ["scenario", "method"], VALUES, ok="ok", quantiles=(0.05, 0.5, 0.95)).reset_index()
+    settings = pd.DataFrame([{"scenario": s.key, **{name: getattr(s, name) for name in SETTINGS}} for s in SCENARIOS])
+    table = table.merge(settings, on="scenario", validate="many_to_one")
+    return table[~_never_estimated(table)]
 
 
 def _never_estimated(table: pd.DataFrame) -> pd.Series:
