@@ -42,7 +42,7 @@ environment: ## Make the environment of environment.lock, unless it stands alrea
 
 .PHONY: study
 study: environment ## Run the study of the paper: the main job, from nothing
-	$(RUN) -m studies paper --out $(STUDY_OUT) $(STUDY_ARGS)
+	$(RUN) -m studies paper --out $(STUDY_OUT) --resume $(STUDY_ARGS)
 
 .PHONY: test
 test: environment ## Run the tests and the doctests

@@ -129,6 +129,9 @@ class Loop(ABC):
             raise InputError(
                 f"unknown: {type(self).__name__} can estimate {', '.join(self.involved)}; got {names or 'nothing'}"
             )
+        foreign = [name for name, value in given.items() if value is not None and name not in self.involved]
+        if foreign:
+            raise InputError(f"{type(self).__name__} does not contain {', '.join(foreign)}; leave it out")
         both = [name for name in names if given[name] is not None]
         if both:
             raise InputError(f"{', '.join(both)}: both given and unknown; name the unknown ones by unknown=(…)")

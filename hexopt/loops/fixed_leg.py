@@ -26,10 +26,6 @@ class FixedLeg(Loop):
     data : LegMeasurements
         Under the lock "leg"; at least 3 poses, rotated about two axes or more.
     unknown : sequence of str, default ("platform_point",)
-    platform_point : array_like or Estimate, optional
-        Not to be given: it is the unknown.
-    base_point, offset, gain : optional
-        Accepted for symmetry, unused: the equation does not contain them.
 
     References
     ----------
