@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -48,8 +49,11 @@ def as_array(name: str, value: npt.ArrayLike, shape: Sequence[int | str | None] 
     array([1., 2., 3.])
     """
     try:
-        array: Array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        raw = np.asarray(value)
+        if raw.dtype.kind not in "iuf" and not (raw.dtype.kind == "O" and all(isinstance(v, Real) for v in raw.flat)):
+            raise TypeError(f"{raw.dtype} is no type of real numbers")  # NumPy would read "1.5" and drop 2i
+        array: Array = np.asarray(raw, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name}: expected numbers, got {_brief(value)} ({error})") from None
     wanted = len(shape)
     fits = array.ndim >= wanted if batch else array.ndim == wanted
@@ -71,7 +75,7 @@ def as_array(name: str, value: npt.ArrayLike, shape: Sequence[int | str | None] 
 
 
 def _brief(value: object) -> str:
-    text = repr(value)
+    text = " ".join(repr(value).split())  # one line
     return text if len(text) <= 60 else text[:57] + "..."
 
 

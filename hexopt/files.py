@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from .errors import InputError
@@ -25,6 +26,7 @@ def write_whole(path: str | Path, content: str | bytes) -> Path:
         temporary.write_bytes(data)
         temporary.replace(target)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # where the folder itself is wrong, there is nothing to remove
+            temporary.unlink(missing_ok=True)
         raise InputError(f"{target}: cannot be written ({error.strerror})") from None
     return target

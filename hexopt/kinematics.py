@@ -121,8 +121,7 @@ def reachable(robot: Hexapod, position: npt.ArrayLike, rotation: npt.ArrayLike) 
     >>> reachable(robot, [[0.0, 0.0, 19.0], [0.0, 0.0, 40.0]], np.stack([np.eye(3)] * 2))
     array([ True, False])
     """
-    shape = np.shape(position)[:-1]
-    inside = np.ones(shape, dtype=bool)
+    inside = np.ones(np.broadcast_shapes(np.shape(position)[:-1], np.shape(rotation)[:-2]), dtype=bool)
     for violated in limit_violations(robot, position, rotation).values():
         inside &= ~violated
     return inside

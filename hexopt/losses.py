@@ -6,29 +6,13 @@ One convention: :math:`\rho(z) = z^2/2` near zero.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from .arrays import Array
 
-__all__ = ["Loss", "Quadratic"]
-
-
-class Loss(Protocol):
-    """A convex loss of residuals."""
-
-    def rho(self, residual: Array) -> Array:
-        """ρ of every residual."""
-        ...
-
-    def psi(self, residual: Array) -> Array:
-        """ψ = ρ′ of every residual."""
-        ...
-
-    def expression(self, residual: Any) -> Any:
-        """The sum of ρ as a cvxpy expression."""
-        ...
+__all__ = ["Quadratic"]
 
 
 @dataclass(frozen=True)

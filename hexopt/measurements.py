@@ -13,7 +13,7 @@ from .arrays import Array, as_array
 from .errors import InputError, LockError, UnitError
 from .geometry import Hexapod, Leg, check_length_unit
 from .geometry.leg import check_leg_number
-from .noise import Noise
+from .noise import IndexedNoise, Noise
 from .rotations import check_rotation
 
 __all__ = ["LegMeasurements", "Lock", "Measurements"]
@@ -62,6 +62,7 @@ class _Poses:
     """What both kinds of measurements share: the batch of sets, and views of it."""
 
     position: Array
+    noise: Noise | None
 
     @property
     def n_poses(self) -> int:
@@ -73,7 +74,13 @@ class _Poses:
         """Leading dimensions: () for one set, (n_sets,) for many."""
         return self.position.shape[:-2]
 
-    def _sliced(self, **arrays: Array | None) -> Any:
+    def _noise_at(self, index: Any) -> Noise | None:
+        """The noise of some of the poses: a covariance for each pose goes with its pose."""
+        if isinstance(self.noise, IndexedNoise):
+            return self.noise.indexed(self.position.shape[:-1], index)
+        return self.noise
+
+    def _sliced(self, **arrays: Any) -> Any:
         return replace(self, **arrays)  # type: ignore[type-var]  # both users are dataclasses
 
 
@@ -157,7 +164,10 @@ class LegMeasurements(_Poses):
             raise InputError("these measurements are one set, not a batch; use .poses(…) to choose poses")
         length = None if self.length is None else self.length[sets]
         result: LegMeasurements = self._sliced(
-            position=self.position[sets], rotation=self.rotation[sets], length=length
+            position=self.position[sets],
+            rotation=self.rotation[sets],
+            length=length,
+            noise=self._noise_at(sets),
         )
         return result
 
@@ -166,7 +176,10 @@ class LegMeasurements(_Poses):
         index = np.atleast_1d(index) if not isinstance(index, slice) else index
         length = None if self.length is None else self.length[..., index]
         result: LegMeasurements = self._sliced(
-            position=self.position[..., index, :], rotation=self.rotation[..., index, :, :], length=length
+            position=self.position[..., index, :],
+            rotation=self.rotation[..., index, :, :],
+            length=length,
+            noise=self._noise_at((..., index, slice(None), slice(None))),
         )
         return result
 
@@ -239,7 +252,10 @@ class Measurements(_Poses):
         if not self.batch_shape:
             raise InputError("these measurements are one set, not a batch; use .poses(…) to choose poses")
         result: Measurements = self._sliced(
-            position=self.position[sets], rotation=self.rotation[sets], length=self.length[sets]
+            position=self.position[sets],
+            rotation=self.rotation[sets],
+            length=self.length[sets],
+            noise=self._noise_at(sets),
         )
         return result
 
@@ -250,5 +266,6 @@ class Measurements(_Poses):
             position=self.position[..., index, :],
             rotation=self.rotation[..., index, :, :],
             length=self.length[..., index, :],
+            noise=self._noise_at((..., index, slice(None), slice(None))),
         )
         return result

@@ -18,6 +18,9 @@ __all__ = ["limit_ranges", "sample_poses"]
 
 MAX_ROUNDS = 200
 PATIENCE = 10  # rounds after which a set gives up the direction or length that it holds
+FIRST_DRAWS = 2_000_000  # poses after which the rate of acceptance is trusted
+LOWEST_RATE = 1e-3  # below it, what would need more than so many draws in all is hopeless
+MOST_DRAWS = 50_000_000
 LARGEST_DRAW = 2_000_000  # poses at once, so that memory stays bounded
 
 
@@ -170,10 +173,19 @@ class _Rejection:
             todo = np.flatnonzero(self.filled < self.n_poses)
             if not todo.size:
                 return self.position, self.rotation, self.length
+            if self._hopeless(todo):
+                break
             if self.sampler.lock is not Lock.NONE and turn % PATIENCE == PATIENCE - 1:
                 self.filled[todo] = 0
             self._round(todo)
         raise SamplingError(self._message())
+
+    def _hopeless(self, todo: np.ndarray) -> bool:
+        """Whether the poses that are still missing would need too many draws, at the rate of acceptance so far."""
+        if self.drawn < FIRST_DRAWS or self.accepted > LOWEST_RATE * self.drawn:
+            return False
+        missing = int((self.n_poses - self.filled[todo]).sum())
+        return missing * self.drawn > MOST_DRAWS * self.accepted
 
     def _round(self, todo: np.ndarray) -> None:
         """One vectorised draw for the sets that still miss poses."""

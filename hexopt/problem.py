@@ -33,7 +33,7 @@ class RowCovariance:
 
     def propagated(self, gain: Array) -> Array:
         """The covariance of ``gain · rows``, for gain (..., p, n, d): (..., p, p)."""
-        flat = gain.reshape(*gain.shape[:-2], -1)
+        flat = gain.reshape(*gain.shape[:-2], gain.shape[-2] * gain.shape[-1])
         through = np.einsum("...pni,...nij->...pnj", gain, self.blocks)
         covariance: Array = through.reshape(flat.shape) @ transpose(flat)
         if self.common is not None:
@@ -76,7 +76,7 @@ class Whitening:
     def apply(self, rows: Array) -> Array:
         """W rows, for rows (..., m, c)."""
         size = self.blocks.shape[-1]
-        split = rows.reshape(*rows.shape[:-2], -1, size, rows.shape[-1])
+        split = rows.reshape(*rows.shape[:-2], rows.shape[-2] // size, size, rows.shape[-1])
         return (self.blocks @ split).reshape(rows.shape)
 
     def after(self, gain: Array) -> Array:
@@ -100,8 +100,11 @@ class LinearProblem:
         How the rows were made of the direct ones.
     noise : RowNoise, optional
         None: unknown noise.
-    at : array_like, shape (..., p), optional
-        Where the noise is evaluated for weights; by default at the unweighted solution.
+    at : array_like, optional
+        Where the noise is evaluated for weights, as its `covariance` takes it (a loop also takes the nuisance
+        that its form eliminates); by default at the unweighted solution.
+    cancellation : array_like, shape (...), default 1
+        By how much the form's differences shortened the columns of the matrix, at worst.
     minimum_poses : int, optional
         How many poses the loop equation needs, for error messages.
     name : str
@@ -132,6 +135,7 @@ class LinearProblem:
     form: Form = field(default_factory=Direct)
     noise: RowNoise | None = None
     at: Array | None = None
+    cancellation: Array = 1.0  # type: ignore[assignment]  # turned into an array below
     minimum_poses: int | None = None
     name: str = "the problem"
 
@@ -145,7 +149,8 @@ class LinearProblem:
         if self.matrix.shape[-2] % self.rows_per_block:
             raise InputError(f"{self.matrix.shape[-2]} rows are no multiple of rows_per_block={self.rows_per_block}")
         if self.at is not None:
-            object.__setattr__(self, "at", as_array("at", self.at, (self.parameters.size,)))
+            object.__setattr__(self, "at", as_array("at", self.at, ("p",)))
+        object.__setattr__(self, "cancellation", as_array("cancellation", self.cancellation))
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
@@ -159,7 +164,7 @@ class LinearProblem:
     def direct_gain(self, gain: Array) -> Array:
         """The gain on direct rows, (..., p, n, d), of a gain on this form's rows, (..., p, m)."""
         p, d = gain.shape[-2], self.rows_per_block
-        blocks = np.moveaxis(gain.reshape(*gain.shape[:-1], -1, d), -3, -1)  # (..., k, d, p)
+        blocks = np.moveaxis(gain.reshape(*gain.shape[:-1], gain.shape[-1] // d, d), -3, -1)  # (..., k, d, p)
         return np.moveaxis(self.form.adjoint(blocks), -1, -3) if p else blocks
 
     def row_covariance(self, values: Array | None = None) -> RowCovariance:
@@ -176,7 +181,7 @@ class LinearProblem:
                 "noise=UniformNoise(…) or NormalNoise(…), or use weights=None"
             )
         if values is None:
-            values = self.at if self.at is not None else solve_svd(self.matrix, self.rhs).values
+            values = self.at if self.at is not None else solve_svd(self.matrix, self.rhs, self.cancellation).values
         return self.noise.covariance(values)
 
     def whitening(self) -> Whitening:
@@ -215,19 +220,22 @@ class LinearProblem:
             own = slice(i * d, (i + 1) * d)
             direct[..., own, own] = covariance.blocks[..., i, :, :]
         if covariance.common is not None:
-            factor = covariance.common.reshape(*covariance.common.shape[:-3], n * d, -1)
+            factor = covariance.common.reshape(*covariance.common.shape[:-3], n * d, covariance.common.shape[-1])
             direct = direct + factor @ transpose(factor)
         return self._form_rows(transpose(self._form_rows(direct)))
 
     def _form_rows(self, direct: Array) -> Array:
         """D applied to the rows of (..., n d, c)."""
-        blocks = direct.reshape(*direct.shape[:-2], -1, self.rows_per_block, direct.shape[-1])
+        d = self.rows_per_block
+        blocks = direct.reshape(*direct.shape[:-2], direct.shape[-2] // d, d, direct.shape[-1])
         formed = self.form.apply(blocks)
-        return formed.reshape(*formed.shape[:-3], -1, direct.shape[-1])
+        return formed.reshape(*formed.shape[:-3], formed.shape[-3] * d, direct.shape[-1])
 
     def _inverse_root(self, covariance: Array, singular: int) -> Array:
         """Symmetric inverse square root; the `singular` smallest eigenvalues are known to be zero."""
-        values, vectors = np.linalg.eigh(covariance)
+        # where the unweighted solution failed there is no covariance: raw rows, which fail again by themselves
+        finite = np.isfinite(covariance).all(axis=(-2, -1), keepdims=True)
+        values, vectors = np.linalg.eigh(np.where(finite, covariance, np.eye(covariance.shape[-1])))
         if not (values[..., singular] > 1e-13 * values[..., -1]).all():
             raise InputError(
                 f"{self.name}: the noise model leaves some equations without any error, so they cannot be "

@@ -262,6 +262,8 @@ def estimate(target: Any, estimator: Estimator, throw: bool | None = None) -> Es
     >>> bool((found.error(robot.leg(3))["platform_point"] < 1e-12).all())
     True
     """
+    if isinstance(estimator, type) or not hasattr(estimator, "accepts"):
+        raise InputError(f"estimator: expected one such as LeastSquares(), got {estimator!r}")
     if not isinstance(target, estimator.accepts):
         wanted = " or ".join(kind.__name__ for kind in estimator.accepts)
         raise InputError(f"{type(estimator).__name__} takes a {wanted}, got {type(target).__name__}: {estimator.hint}")

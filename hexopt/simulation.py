@@ -107,7 +107,9 @@ def simulate_leg(
         position, rotation, reading = noise.apply(position, rotation, reading, generator)
     if isinstance(nominal, Hexapod):
         nominal = nominal.leg(leg)
-    data = LegMeasurements(position, rotation, reading, Lock.of(lock), noise, nominal or true_leg)
+    if isinstance(nominal, Leg) and nominal.number != true_leg.number:
+        raise InputError(f"nominal: is leg {nominal.number}, but leg {true_leg.number} is simulated")
+    data = LegMeasurements(position, rotation, reading, Lock.of(lock), noise, nominal or true_leg, robot.length_unit)
     return data[0] if n_sets is None else data
 
 
@@ -162,5 +164,5 @@ def simulate(
     length = inverse_kinematics(robot, position, rotation)
     if noise is not None:
         position, rotation, length = noise.apply(position, rotation, length, generator)
-    data = Measurements(position, rotation, length, kind, locked, noise, nominal or robot)
+    data = Measurements(position, rotation, length, kind, locked, noise, nominal or robot, robot.length_unit)
     return data[0] if n_sets is None else data

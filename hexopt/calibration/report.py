@@ -106,7 +106,7 @@ class Calibration:
             for row in self._rows(number):
                 sure = "" if np.isnan(row["standard_error"]) else f"{row['standard_error']:.2g}"
                 lines.append(
-                    f"  {number:<4d}{row['parameter']:<20s}{row['nominal']:>14.5f}{row['calibrated']:>14.5f}"
+                    f"  {number:<4d}{row['parameter']:<20s}{row['nominal']:>z14.5f}{row['calibrated']:>z14.5f}"
                     f"{sure:>11s}  {row['unit']}"
                 )
         lines.append(f"  residual of leg length, RMS ({unit}):")

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import Array, matvec, norm, transpose
 from ..errors import InputError
-from ..losses import Loss, Quadratic
+from ..losses import Quadratic
 from ..numerics.lstsq import solve_svd
 from ..problem import LinearProblem
 from ..result import Estimate, Status
@@ -29,7 +29,7 @@ class ConvexEstimator:
 
     Parameters
     ----------
-    loss : Loss, default Quadratic()
+    loss : Quadratic
     weights : "model" or None, default "model"
         "model": whitened by the noise model; None: raw rows.
 
@@ -37,7 +37,7 @@ class ConvexEstimator:
     -----
     Clarabel solves every problem of a batch in turn, in scaled variables (columns of unit length,
     right-hand side of unit size), at tolerance 1e-13. The gap is recomputed from the returned point;
-    an answer whose gap exceeds 1e-8·(1 + |objective|) is INACCURATE, whatever the solver says.
+    an answer whose gap exceeds ``1e-8·(1 + |objective|)`` is INACCURATE, whatever the solver says.
 
     Examples
     --------
@@ -48,7 +48,7 @@ class ConvexEstimator:
     array([ 7.822, -1.052,  0.   ])
     """
 
-    loss: Loss = field(default_factory=Quadratic)
+    loss: Quadratic = field(default_factory=Quadratic)
     weights: Literal["model"] | None = "model"
 
     accepts: ClassVar[tuple[type, ...]] = (LinearProblem,)
@@ -57,8 +57,8 @@ class ConvexEstimator:
     def __post_init__(self) -> None:
         if self.weights not in (None, "model"):
             raise InputError(f"weights: expected None or 'model', got {self.weights!r}")
-        if not all(hasattr(self.loss, face) for face in ("rho", "psi", "expression")):
-            raise InputError(f"loss: expected a loss such as Quadratic(), got {self.loss!r}")
+        if not isinstance(self.loss, Quadratic):
+            raise InputError(f"loss: expected Quadratic(), the only one with a certificate so far; got {self.loss!r}")
 
     def cvxpy_problem(self, problem: LinearProblem) -> Any:
         """The programme of one problem as a ``cvxpy.Problem`` in the unscaled variable ``x``.
@@ -81,7 +81,7 @@ class ConvexEstimator:
         check_rows(target)
         root = target.whitening() if self.weights == "model" else None
         matrix, rhs = target.whitened_by(root)
-        reference = solve_svd(matrix, rhs)
+        reference = solve_svd(matrix, rhs, target.cancellation)
         values = np.full(reference.values.shape, np.nan)
         codes = np.full(target.batch_shape, Status.RANK_DEFICIENT, dtype=np.int8)
         for index in zip(*np.nonzero(np.atleast_1d(reference.full_rank)), strict=True):

@@ -13,6 +13,7 @@ from ..geometry import Leg
 from ..loops import LegLength
 from ..numerics.lm import levenberg_marquardt
 from ..numerics.lstsq import solve_svd
+from ..problem import Whitening
 from ..result import Estimate, Status
 from .least_squares import check_rows, linear_uncertainty, unseen_combinations
 
@@ -80,18 +81,18 @@ class InverseKinematics:
         if self.weights == "model":
             settled = target.linearised(np.where(converged[..., None], values, first))
             root = settled.whitening()
-            values, converged, more = self._minimise(target, values, root.blocks[..., 0])
+            values, converged, more = self._minimise(target, values, root)
             iterations = iterations + more
         return self._estimate(target, values, converged, iterations, root)
 
-    def _minimise(self, loop: LegLength, start: Array, weight: Array | None) -> tuple[Array, Any, Any]:
+    def _minimise(self, loop: LegLength, start: Array, root: Whitening | None) -> tuple[Array, Any, Any]:
         batch, size = start.shape[:-1], start.shape[-1]
 
         def evaluate(flat: Array) -> tuple[Array, Array]:
             x = flat.reshape(*batch, size)
-            residual, jacobian = loop.residual(x), loop.jacobian(x)
-            if weight is not None:
-                residual, jacobian = weight * residual, weight[..., None] * jacobian
+            residual, jacobian = loop.residual(x), loop.jacobian(x)[..., 0, :]  # one row a pose
+            if root is not None:
+                residual, jacobian = root.apply(residual), root.apply(jacobian)
             rows = residual.shape[-2]
             return residual.reshape(-1, rows), jacobian.reshape(-1, rows, size)
 

@@ -17,7 +17,7 @@ from ..result import Estimate, Status
 
 __all__ = ["LeastSquares", "check_rows", "degrees_of_freedom", "linear_uncertainty", "status_of", "unseen_combinations"]
 
-#: Beyond this condition number the normal equations may lose more than 100·eps·κ.
+#: Where the square of the condition number κ exceeds this many κ, normal equations may lose more than 100·eps·κ.
 NORMAL_EQUATIONS_LIMIT = 100.0
 _SOLVERS = {"auto": solve, "svd": solve_svd, "normal": solve_normal_equations}
 
@@ -77,9 +77,9 @@ class LeastSquares:
         check_rows(target)
         solver = _SOLVERS[self.method]
         root = target.whitening() if self.weights == "model" else None
-        solution = solver(*target.whitened_by(root), inverse=self.covariance)
+        solution = solver(*target.whitened_by(root), target.cancellation, inverse=self.covariance)
         if self.method == "normal":
-            _warn_of_lost_digits(solution.condition)
+            _warn_of_lost_digits(solution.condition, target.cancellation)
         if self.covariance:
             uncertainty = linear_uncertainty(target, solution, root, solution.values)
         else:
@@ -104,7 +104,8 @@ class LeastSquares:
 
 def check_rows(problem: LinearProblem) -> None:
     """Too few equations for the unknowns is a wrong call, not a failed estimate."""
-    rows, unknowns = problem.matrix.shape[-2:]
+    unknowns = problem.parameters.size
+    rows = degrees_of_freedom(problem) + unknowns
     if rows >= unknowns:
         return
     need = f"; {problem.name} needs at least {problem.minimum_poses} poses" if problem.minimum_poses else ""
@@ -124,12 +125,15 @@ def unseen_combinations(problem: LinearProblem, solution: LstsqSolution) -> tupl
     if solution.full_rank.all():
         return ()
     first = np.unravel_index(int(np.argmin(solution.full_rank)), solution.full_rank.shape)
-    return _combinations(problem, first)
+    return _combinations(problem, first) or ("nothing, but the normal equations square the condition number",)
 
 
 def _combinations(problem: LinearProblem, index: tuple[np.intp, ...]) -> tuple[str, ...]:
-    matrix = problem.matrix[index] if index else problem.matrix.reshape(-1, *problem.matrix.shape[-2:])[0]
-    return tuple(problem.parameters.combination(vector) for vector in null_combinations(matrix))
+    first = index or (0,) * len(problem.batch_shape)
+    if 0 in problem.batch_shape:
+        return ()
+    lost = float(np.broadcast_to(problem.cancellation, problem.batch_shape)[first])
+    return tuple(problem.parameters.combination(vector) for vector in null_combinations(problem.matrix[first], lost))
 
 
 def degrees_of_freedom(problem: LinearProblem) -> int:
@@ -162,15 +166,16 @@ def linear_uncertainty(
     return result | {"covariance": variance[..., None, None] * square, "covariance_kind": "residual"}
 
 
-def _warn_of_lost_digits(condition: Array) -> None:
-    bad = np.asarray(condition) > NORMAL_EQUATIONS_LIMIT
+def _warn_of_lost_digits(condition: Array, cancellation: Array) -> None:
+    """Warn where eps·(κ/c)², what squaring costs, exceeds 100·eps·κ; c is the cancellation that κ contains."""
+    squared = np.asarray(condition / cancellation) ** 2
+    bad = squared > NORMAL_EQUATIONS_LIMIT * np.asarray(condition)
     if bad.any():
         worst = float(np.max(np.where(np.isfinite(condition), condition, 0.0)))
-        lost = EPS * worst * worst
+        lost = EPS * float(np.max(np.where(np.isfinite(squared), squared, 0.0)))
         warnings.warn(
-            f"normal equations: {int(bad.sum())} of {bad.size} problems have a condition number above "
-            f"{NORMAL_EQUATIONS_LIMIT:g} (worst {worst:.2g}); their square costs digits (relative error up to "
-            f"{lost:.1g}). Use LeastSquares()",
+            f"normal equations: {int(bad.sum())} of {bad.size} problems have too large a condition number "
+            f"(worst {worst:.2g}); its square costs digits (relative error up to {lost:.1g}). Use LeastSquares()",
             NumericalWarning,
             stacklevel=4,
         )

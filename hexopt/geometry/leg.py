@@ -71,7 +71,7 @@ class Leg:
             value = as_array(name, getattr(self, name), (size,) if size > 1 else ())
             object.__setattr__(self, name, value)
         if (self.gain <= 0).any():
-            raise InputError(f"gain: expected values > 0, got {self.gain}")
+            raise InputError(f"gain: expected values > 0, got {self.gain.min():g}")
         object.__setattr__(self, "length_unit", check_length_unit("length_unit", self.length_unit))
 
     def block(self, name: str) -> Array:

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from ..arrays import Array, as_array, as_generator, norm
-from ..errors import InputError
+from ..errors import FileFormatError, HexoptError, InputError
 from ..rotations import check_rotation
 from .leg import Leg, check_leg_number
 from .limits import Limits, PoseRanges
+from .toml import read_fields, write_fields
 from .units import check_length_unit
 
 __all__ = ["Hexapod"]
@@ -78,14 +79,19 @@ class Hexapod:
             ("offsets", (6,)),
             ("gains", (6,)),
         ):
-            value = np.asarray(getattr(self, name))
-            if value.ndim and value.shape[0] != 6:
+            value = as_array(name, getattr(self, name), ("6", *shape[1:]), batch=False)
+            if value.shape[0] != 6:
                 raise InputError(f"{name}: a hexapod has 6 legs, got {value.shape[0]}")
-            object.__setattr__(self, name, as_array(name, getattr(self, name), shape, batch=False))
+            object.__setattr__(self, name, value)
         if (self.gains <= 0).any():
-            raise InputError(f"gains: expected values > 0, got {self.gains}")
+            raise InputError(f"gains: expected values > 0, got {self.gains.min():g}")
         object.__setattr__(self, "length_unit", check_length_unit("length_unit", self.length_unit))
+        if not isinstance(self.reading_unit, str):
+            raise InputError(f"reading_unit: expected a text, got {self.reading_unit!r}")
         object.__setattr__(self, "reading_unit", self.reading_unit or self.length_unit)
+        for name, kind in (("limits", Limits), ("ranges", PoseRanges)):
+            if not isinstance(getattr(self, name), (kind, type(None))) or (name == "limits" and self.limits is None):
+                raise InputError(f"{name}: expected {kind.__name__}(…), got {getattr(self, name)!r}")
         object.__setattr__(self, "home_position", as_array("home_position", self.home_position, (3,), batch=False))
         rotation = check_rotation("home_rotation", as_array("home_rotation", self.home_rotation, (3, 3), batch=False))
         object.__setattr__(self, "home_rotation", rotation)
@@ -149,6 +155,8 @@ class Hexapod:
         for leg in legs.values() if isinstance(legs, Mapping) else legs:
             if leg.length_unit != self.length_unit:
                 raise InputError(f"leg {leg.number} is in {leg.length_unit}, the robot in {self.length_unit}")
+            if leg.base_point.ndim > 1 or leg.platform_point.ndim > 1 or leg.offset.ndim or leg.gain.ndim:
+                raise InputError(f"leg {leg.number}: a robot has one leg of each number, got a batch")
             k = leg.number - 1
             base[k], platform[k] = leg.base_point, leg.platform_point
             offsets[k], gains[k] = leg.offset, leg.gain
@@ -195,13 +203,23 @@ class Hexapod:
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Hexapod:
-        """Read a robot from a TOML file; see :meth:`to_toml` for its keys."""
-        from .toml import read_robot
+        """Read a robot from a TOML file.
 
-        return read_robot(Path(path))
+        Keys: name, length_unit, base_points and platform_points (six rows of three); optional offsets, gains,
+        reading_unit, home_position, home_rotation, and tables [limits] and [ranges] with the fields of
+        :class:`Limits` and :class:`PoseRanges` (angles in radians).
+
+        Raises
+        ------
+        FileFormatError
+            If the file cannot be read, is no TOML, misses a key, or has a wrong or unknown one.
+        """
+        settings = read_fields(Path(path))
+        try:
+            return cls(**settings)
+        except HexoptError as error:
+            raise FileFormatError(f"{path}: {error}") from None
 
     def to_toml(self, path: str | Path) -> Path:
         """Write the robot to a TOML file, whole or not at all; numbers survive the round trip to the bit."""
-        from .toml import write_robot
-
-        return write_robot(self, Path(path))
+        return write_fields(Path(path), vars(self))

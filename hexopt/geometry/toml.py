@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import fields
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
 
 from ..errors import FileFormatError, HexoptError, InputError
 from ..files import write_whole
 from .limits import Limits, PoseRanges
-from .robot import Hexapod
 
-__all__ = ["read_robot", "write_robot"]
+__all__ = ["read_fields", "write_fields"]
 
 _REQUIRED = ("name", "length_unit", "base_points", "platform_points")
 _OPTIONAL = ("reading_unit", "offsets", "gains", "home_position", "home_rotation")
 
 
-def read_robot(path: Path) -> Hexapod:
-    """A :class:`Hexapod` from `path`.
+def read_fields(path: Path) -> dict[str, Any]:
+    """The fields of a robot from `path`.
 
     Keys: name, length_unit, base_points and platform_points (six rows of three); optional offsets,
     gains, reading_unit, home_position, home_rotation, and tables [limits] and [ranges] with the fields
@@ -50,48 +51,38 @@ def read_robot(path: Path) -> Hexapod:
     try:
         settings = {key: data[key] for key in (*_REQUIRED, *_OPTIONAL) if key in data}
         if "limits" in data:
-            settings["limits"] = _table(Limits, data["limits"])
+            settings["limits"] = _table("limits", Limits, data["limits"])
         if "ranges" in data:
-            settings["ranges"] = _table(PoseRanges, data["ranges"])
-        return Hexapod(**settings)
+            settings["ranges"] = _table("ranges", PoseRanges, data["ranges"])
     except HexoptError as error:
         raise FileFormatError(f"{path}: {error}") from None
+    return settings
 
 
-def _table(kind: type[Limits] | type[PoseRanges], table: dict[str, Any]) -> Any:
+def _table(name: str, kind: type[Limits] | type[PoseRanges], table: dict[str, Any]) -> Any:
     known = {item.name for item in fields(kind)}
     if not isinstance(table, dict) or set(table) - known:
-        raise InputError(f"[{kind.__name__.lower()}]: expected a table with {', '.join(sorted(known))}")
+        raise InputError(f"[{name}]: expected a table with {', '.join(sorted(known))}")
     try:
         settings: dict[str, Any] = {
             key: tuple(value) if isinstance(value, list) else value for key, value in table.items()
         }
         return kind(**settings)
     except TypeError as error:
-        raise InputError(f"[{kind.__name__.lower()}]: {error}") from None
+        raise InputError(f"[{name}]: {error}") from None
 
 
-def _plain(record: object) -> dict[str, Any]:
-    """The fields of a dataclass that are not None, tuples as lists."""
-    values = {item.name: getattr(record, item.name) for item in fields(record)}  # type: ignore[arg-type]
-    return {
-        key: list(value) if isinstance(value, tuple) else value for key, value in values.items() if value is not None
-    }
-
-
-def write_robot(robot: Hexapod, path: Path) -> Path:
-    """Write `robot` to `path`, whole or not at all."""
-    document: dict[str, Any] = {
-        "name": robot.name,
-        "length_unit": robot.length_unit,
-        "reading_unit": robot.reading_unit,
-        "base_points": robot.base_points.tolist(),
-        "platform_points": robot.platform_points.tolist(),
-        "offsets": robot.offsets.tolist(),
-        "gains": robot.gains.tolist(),
-        "home_position": robot.home_position.tolist(),
-        "home_rotation": robot.home_rotation.tolist(),
-        "limits": _plain(robot.limits),
-        "ranges": _plain(robot.ranges),
-    }
+def write_fields(path: Path, values: Mapping[str, Any]) -> Path:
+    """Write the fields of a robot to `path`, whole or not at all."""
+    document = {name: _plain(values[name]) for name in (*_REQUIRED, *_OPTIONAL, "limits", "ranges")}
     return write_whole(path, tomli_w.dumps(document))
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and tuples as lists; a record as a table of the fields that are not None."""
+    if is_dataclass(value):
+        items = {item.name: getattr(value, item.name) for item in fields(value)}
+        return {name: _plain(item) for name, item in items.items() if item is not None}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return list(value) if isinstance(value, tuple) else value

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 from ..errors import UnitError
 
 __all__ = ["LENGTH_UNITS", "check_length_unit", "length_factor"]
@@ -57,4 +59,4 @@ def length_factor(source: str, target: str) -> float:
     numerator, denominator = LENGTH_UNITS[source], LENGTH_UNITS[target]
     if numerator is None or denominator is None:
         raise UnitError(f"cannot convert {source!r} to {target!r}: one of them states no unit")
-    return round(numerator / denominator, 12)
+    return float(Fraction(str(numerator)) / Fraction(str(denominator)))  # exact decimals, rounded once

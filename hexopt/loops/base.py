@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import Array, as_array, matvec
+from ..arrays import Array, matvec
 from ..errors import InputError, LockError
 from ..geometry import Leg
 from ..geometry.leg import LEG_BLOCKS
@@ -23,10 +23,9 @@ from ..numerics.forms import Centred, Consecutive, Direct, Form
 from ..parameters import Block, Parameters
 from ..problem import ConstantRowNoise, LinearProblem, RowCovariance
 from ..result import Estimate
+from .known import Known, chosen_unknown, known_values, square_root
 
 __all__ = ["Loop"]
-
-Known = npt.ArrayLike | Estimate
 
 
 class Loop(ABC):
@@ -81,13 +80,20 @@ class Loop(ABC):
             raise InputError(
                 f"{name}: expected LegMeasurements, got {type(data).__name__}; for six readings write data.leg(k)"
             )
+        if data.n_poses == 0:
+            raise InputError(f"{name}: there are no poses")
         if data.lock not in self.locks:
             wanted = " or ".join(repr(str(lock)) for lock in self.locks)
             raise LockError(f"{name} holds under the lock {wanted}, the data has {str(data.lock)!r}")
         given = {"platform_point": platform_point, "base_point": base_point, "offset": offset, "gain": gain}
         self.data = data
-        self.unknown = self._check_unknown(unknown, given)
-        self._known, self._known_roots = self._collect_known(given)
+        self.unknown = chosen_unknown(name, self.involved, self.default_unknown if unknown is None else unknown, given)
+        known = [block for block in self.involved if block not in self.unknown]
+        self._known, self._known_roots = known_values(name, known, given, data.nominal)
+        #: Sets of which a known value is an estimate that failed.
+        self._failed = np.array(False)
+        for value in self._known.values():
+            self._failed = self._failed | np.isnan(value).any(axis=-1)
         unit = data.length_unit
         self.parameters = Parameters(
             tuple(Block(key, LEG_BLOCKS[key], unit if key != "gain" else f"{unit}/reading") for key in self.unknown)
@@ -121,44 +127,6 @@ class Loop(ABC):
         """How few poses determine the unknowns, in general position."""
 
     # --- known and unknown ------------------------------------------------------------------------
-
-    def _check_unknown(self, unknown: Any, given: Mapping[str, Any]) -> tuple[str, ...]:
-        names = self.default_unknown if unknown is None else tuple([unknown] if isinstance(unknown, str) else unknown)
-        strange = [name for name in names if name not in self.involved]
-        if strange or not names:
-            raise InputError(
-                f"unknown: {type(self).__name__} can estimate {', '.join(self.involved)}; got {names or 'nothing'}"
-            )
-        foreign = [name for name, value in given.items() if value is not None and name not in self.involved]
-        if foreign:
-            raise InputError(f"{type(self).__name__} does not contain {', '.join(foreign)}; leave it out")
-        both = [name for name in names if given[name] is not None]
-        if both:
-            raise InputError(f"{', '.join(both)}: both given and unknown; name the unknown ones by unknown=(…)")
-        return tuple(name for name in LEG_BLOCKS if name in names)
-
-    def _collect_known(self, given: Mapping[str, Any]) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Values of the known blocks (..., size), and roots of the covariance of those that have one."""
-        values, roots = {}, {}
-        for name in self.involved:
-            if name in self.unknown:
-                continue
-            value = given[name]
-            if isinstance(value, Estimate):
-                values[name] = value.params[name]
-                if value.covariance is not None:
-                    roots[name] = _square_root(value.covariance_of(name))
-            elif value is not None:
-                size = LEG_BLOCKS[name]
-                array = as_array(name, value, (size,) if size > 1 else ())
-                values[name] = array if size > 1 else array[..., None]
-            elif self.data.nominal is not None:
-                values[name] = self.data.nominal.block(name)
-            else:
-                raise InputError(
-                    f"{name}: {type(self).__name__} needs it; give {name}=…, or measurements with nominal=robot.leg(k)"
-                )
-        return values, roots
 
     def values(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
         """A full vector of values (..., p) from values, a :class:`Leg` or an :class:`Estimate`.
@@ -236,7 +204,7 @@ class Loop(ABC):
         shared = []
         common = noise.common()
         if common is not None:
-            shared.append(jacobian @ _square_root(common))
+            shared.append(jacobian @ square_root(common))
         if self._known_roots:
             columns = self._columns(blocks)
             shared += [columns[name] @ root[..., None, :, :] for name, root in self._known_roots.items()]
@@ -284,18 +252,25 @@ class Loop(ABC):
             multiplier = self._consecutive() if form == "consecutive" else Centred()
             parameters = parameters.main
         zero = self._blocks(np.zeros((*self.data.batch_shape, self.parameters.size)))
-        matrix = multiplier.apply(self._assembled(self._columns(zero), parameters))
+        direct = self._assembled(self._columns(zero), parameters)
+        matrix = multiplier.apply(direct)
         rhs = -multiplier.apply(self._misclosure(zero)[..., None])[..., 0]
-        flat = (-1,) if self.data.n_poses > (form == "consecutive") else (0,)
-        batch = rhs.shape[:-2]
+        lost = _cancellation(multiplier, direct, matrix)
+        if self._failed.any():  # a known value that failed: no equations, so that these sets fail alone
+            matrix = np.where(self._failed[..., None, None, None], 0.0, matrix)
+            rhs = np.where(self._failed[..., None, None], 0.0, rhs)
+            lost = np.where(self._failed, 1.0, lost)
+        batch = np.broadcast_shapes(matrix.shape[:-3], rhs.shape[:-2])
+        rows = rhs.shape[-2] * rhs.shape[-1]
         return LinearProblem(
-            matrix.reshape(*batch, *flat, parameters.size),
-            rhs.reshape(*batch, *flat),
+            np.broadcast_to(matrix, (*batch, *matrix.shape[-3:])).reshape(*batch, rows, parameters.size),
+            np.broadcast_to(rhs, (*batch, *rhs.shape[-2:])).reshape(*batch, rows),
             parameters,
             rows_per_block=self.rows,
             form=multiplier,
             noise=self if self.data.noise is not None else None,
             at=None if at is None else self.values(at),
+            cancellation=lost,
             minimum_poses=self.minimum_poses,
             name=name,
         )
@@ -304,10 +279,11 @@ class Loop(ABC):
         """The direct rows to first order about x, in the unknown *change* of x; any unknowns are allowed."""
         values = self.values(x)
         residual, jacobian = self.residual(values), self.jacobian(values)
-        batch = residual.shape[:-2]
+        batch = np.broadcast_shapes(residual.shape[:-2], jacobian.shape[:-3])
+        rows = residual.shape[-2] * residual.shape[-1]
         return LinearProblem(
-            jacobian.reshape(*batch, -1, self.parameters.size),
-            -residual.reshape(*batch, -1),
+            np.broadcast_to(jacobian, (*batch, *jacobian.shape[-3:])).reshape(*batch, rows, self.parameters.size),
+            -np.broadcast_to(residual, (*batch, *residual.shape[-2:])).reshape(*batch, rows),
             self.parameters,
             rows_per_block=self.rows,
             noise=None if self.data.noise is None else ConstantRowNoise(self.covariance(values)),
@@ -331,16 +307,12 @@ class Loop(ABC):
         return blocks["gain"] * self.data.readings() + blocks["offset"]
 
 
-def _square_root(covariance: Array) -> Array:
-    """A factor F with F F' = covariance, for positive semidefinite input."""
-    values, vectors = np.linalg.eigh(covariance)
-    factor: Array = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-    return factor
-
-
-def cross_columns(arm: Array) -> Array:
-    r"""∂(R b)/∂ω = −[R b]×, shape (..., 3, 3), without the checks of :func:`rotations.skew`."""
-    out = np.zeros((*arm.shape, 3))
-    out[..., 1, 2], out[..., 2, 0], out[..., 0, 1] = arm[..., 0], arm[..., 1], arm[..., 2]
-    out[..., 2, 1], out[..., 0, 2], out[..., 1, 0] = -arm[..., 0], -arm[..., 1], -arm[..., 2]
-    return out
+def _cancellation(form: Form, direct: Array, formed: Array) -> Array:
+    """By how much a form's differences shortened the columns of the direct rows, at worst, shape (...)."""
+    if isinstance(form, Direct):
+        return np.array(1.0)
+    before = form.before(np.einsum("...ndp,...ndp->...np", direct, direct))
+    after = np.einsum("...ndp,...ndp->...p", formed, formed)
+    ratio = np.divide(before, after, out=np.ones(after.shape), where=after > 0)  # no column at all is seen as such
+    worst: Array = np.sqrt(np.maximum(ratio, 1.0).max(axis=-1))
+    return worst

@@ -10,7 +10,8 @@ import numpy as np
 from ..arrays import Array
 from ..measurements import Lock
 from ..numerics.forms import Consecutive
-from .base import Loop, cross_columns
+from ..rotations.checks import turning_columns
+from .base import Loop
 
 __all__ = ["FixedDirection"]
 
@@ -76,7 +77,8 @@ class FixedDirection(Loop):
     def _columns(self, blocks: Mapping[str, Array]) -> dict[str, Array]:
         rotation = self.data.rotation
         identity = np.broadcast_to(np.eye(3), rotation.shape)
-        direction = np.broadcast_to(blocks["direction"][..., None, :], self.data.position.shape)
+        direction = blocks["direction"][..., None, :]
+        direction = np.broadcast_to(direction, np.broadcast_shapes(direction.shape, self.data.position.shape))
         return {
             "platform_point": rotation,
             "base_point": -identity,
@@ -86,10 +88,11 @@ class FixedDirection(Loop):
         }
 
     def _noise_columns(self, blocks: Mapping[str, Array]) -> Array:
-        out = np.zeros((*self.data.position.shape, 7))
+        arm, along = self._arm(blocks), -blocks["gain"][..., None] * blocks["direction"][..., None, :]
+        out = np.zeros((*np.broadcast_shapes(arm.shape, along.shape), 7))
         out[..., :3] = np.eye(3)
-        out[..., 3:6] = cross_columns(self._arm(blocks))
-        out[..., 6] = -blocks["gain"][..., None] * blocks["direction"][..., None, :]
+        out[..., 3:6] = turning_columns(arm)
+        out[..., 6] = along
         return out
 
     def _nuisance_values(self, blocks: Mapping[str, Array]) -> dict[str, Array]:

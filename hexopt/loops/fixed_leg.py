@@ -9,7 +9,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..measurements import Lock
-from .base import Loop, cross_columns
+from ..rotations.checks import turning_columns
+from .base import Loop
 
 __all__ = ["FixedLeg"]
 
@@ -58,9 +59,10 @@ class FixedLeg(Loop):
         return {"platform_point": rotation, "fixed_point": np.broadcast_to(-np.eye(3), rotation.shape)}
 
     def _noise_columns(self, blocks: Mapping[str, Array]) -> Array:
-        out = np.zeros((*self.data.position.shape, 7))
+        arm = self._arm(blocks)
+        out = np.zeros((*arm.shape, 7))
         out[..., :3] = np.eye(3)
-        out[..., 3:6] = cross_columns(self._arm(blocks))
+        out[..., 3:6] = turning_columns(arm)
         return out
 
     def _nuisance_values(self, blocks: Mapping[str, Array]) -> dict[str, Array]:

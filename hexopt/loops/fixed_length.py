@@ -9,7 +9,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..measurements import Lock
-from .base import Loop, cross_columns
+from ..rotations.checks import turning_columns
+from .base import Loop
 
 __all__ = ["FixedLength"]
 
@@ -91,7 +92,7 @@ class FixedLength(Loop):
         _, spokes = self._spokes(blocks)
         out = np.zeros((*spokes.shape[:-1], 1, 7))
         out[..., 0, :3] = spokes
-        out[..., 0, 3:6] = np.einsum("...ni,...nij->...nj", spokes, cross_columns(self._arm(blocks)))
+        out[..., 0, 3:6] = np.einsum("...ni,...nij->...nj", spokes, turning_columns(self._arm(blocks)))
         return out
 
     def _nuisance_values(self, blocks: Mapping[str, Array]) -> dict[str, Array]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..arrays import Array, norm
 from ..measurements import Lock
-from .base import Loop, cross_columns
+from ..rotations.checks import turning_columns
+from .base import Loop
 
 __all__ = ["LegLength"]
 
@@ -83,6 +84,6 @@ class LegLength(Loop):
         unit = self._unit(blocks)
         out = np.zeros((*unit.shape[:-1], 1, 7))
         out[..., 0, :3] = unit
-        out[..., 0, 3:6] = np.einsum("...ni,...nij->...nj", unit, cross_columns(self._arm(blocks)))
+        out[..., 0, 3:6] = np.einsum("...ni,...nij->...nj", unit, turning_columns(self._arm(blocks)))
         out[..., 0, 6] = -blocks["gain"]
         return out

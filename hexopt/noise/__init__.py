@@ -5,9 +5,9 @@ One pose has the error :math:`e = (\delta P, \delta\omega, \delta\rho)`: positio
 six readings of a robot. A noise model is a value that travels with the data; it is what is *assumed*.
 """
 
-from .base import Noise
+from .base import IndexedNoise, Noise
 from .normal import NormalNoise
 from .outliers import Outliers
 from .uniform import UniformNoise
 
-__all__ = ["Noise", "NormalNoise", "Outliers", "UniformNoise"]
+__all__ = ["IndexedNoise", "Noise", "NormalNoise", "Outliers", "UniformNoise"]

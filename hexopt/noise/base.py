@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..rotations import euler_jacobian, euler_to_matrix, rotation_vector_to_matrix
 from ..rotations.euler import euler_angles
 
-__all__ = ["Noise", "angle_jacobian", "check_amounts", "structured_covariance", "turn"]
+__all__ = ["IndexedNoise", "Noise", "angle_jacobian", "check_amounts", "structured_covariance", "turn"]
 
 ROTATION_VECTOR = "rotation_vector"
 
@@ -36,6 +36,15 @@ class Noise(Protocol):
 
     def for_leg(self, number: int) -> Noise:
         """The same noise as one leg sees it, with one reading a pose."""
+        ...
+
+
+@runtime_checkable
+class IndexedNoise(Protocol):
+    """A noise model that differs between poses; it is asked for its part when some of them are taken."""
+
+    def indexed(self, shape: tuple[int, ...], index: Any) -> Noise:
+        """The noise of poses ``[index]`` out of poses of `shape`, (..., n); covariances have two dimensions more."""
         ...
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -94,6 +95,13 @@ class NormalNoise:
             return None
         return _for_readings(self.common_covariance, n_readings)
 
+    def indexed(self, shape: tuple[int, ...], index: Any) -> NormalNoise:
+        """The noise of some poses: a covariance for each pose goes with its pose."""
+        if self.pose_covariance is None or self.pose_covariance.ndim == 2:
+            return self
+        each = np.broadcast_to(self.pose_covariance, (*shape, *self.pose_covariance.shape[-2:]))
+        return replace(self, pose_covariance=each[index])
+
     def for_leg(self, number: int) -> NormalNoise:
         """The rows of the pose and of this leg's reading, where a covariance has all six."""
         rows = np.array([0, 1, 2, 3, 4, 5, 5 + number])
@@ -106,12 +114,11 @@ class NormalNoise:
 
 
 def _check_covariance(name: str, value: npt.ArrayLike) -> Array:
-    matrix = np.asarray(value)
-    if matrix.shape[-2:] not in ((7, 7), (12, 12)):
+    covariance = as_array(name, value, ("r", "r"), batch=name == "pose_covariance")
+    if covariance.shape[-2:] not in ((7, 7), (12, 12)):
         raise InputError(
-            f"{name}: expected shape (..., 7, 7) (one leg) or (..., 12, 12) (six readings), got {matrix.shape}"
+            f"{name}: expected shape (..., 7, 7) (one leg) or (..., 12, 12) (six readings), got {covariance.shape}"
         )
-    covariance = as_array(name, value, matrix.shape[-2:])
     scale = np.sqrt(np.maximum(np.einsum("...ii->...i", covariance), 1e-300))
     scaled = covariance / scale[..., :, None] / scale[..., None, :]
     if np.abs(scaled - transpose(scaled)).max() > 1e-9:

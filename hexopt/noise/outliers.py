@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ..arrays import Array, as_array
 from ..errors import InputError
-from .base import Noise
+from .base import IndexedNoise, Noise
 
 __all__ = ["Outliers"]
 
@@ -66,6 +67,11 @@ class Outliers:
     def common(self, n_readings: int = 1) -> Array | None:
         """The shared error of the base noise."""
         return self.noise.common(n_readings)
+
+    def indexed(self, shape: tuple[int, ...], index: Any) -> Outliers:
+        """The same, with the part of the base noise that belongs to these poses."""
+        noise = self.noise
+        return replace(self, noise=noise.indexed(shape, index)) if isinstance(noise, IndexedNoise) else self
 
     def for_leg(self, number: int) -> Outliers:
         """The same, with the base noise as the leg sees it."""

@@ -32,6 +32,10 @@ class Form(Protocol):
         """D' rows, for rows (..., k, d, c)."""
         ...
 
+    def before(self, squares: Array) -> Array:
+        """Squared column lengths (..., c) of the terms that D subtracts, from those of each block (..., n, c)."""
+        ...
+
 
 @dataclass(frozen=True)
 class Direct:
@@ -47,6 +51,11 @@ class Direct:
         """The rows themselves."""
         return rows
 
+    def before(self, squares: Array) -> Array:
+        """Their sum: nothing is subtracted."""
+        total: Array = squares.sum(axis=-2)
+        return total
+
 
 @dataclass(frozen=True)
 class Centred:
@@ -61,6 +70,11 @@ class Centred:
     def adjoint(self, rows: Array) -> Array:
         """The same: the projection is symmetric."""
         return self.apply(rows)
+
+    def before(self, squares: Array) -> Array:
+        """The sum over the rows that the mean is subtracted from."""
+        total: Array = squares.sum(axis=-2)
+        return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,3 +104,9 @@ class Consecutive:
         out[..., 1:, :, :] += self.later[..., None, None] * rows
         out[..., :-1, :, :] -= self.earlier[..., None, None] * rows
         return out
+
+    def before(self, squares: Array) -> Array:
+        """The sum over both terms of every difference."""
+        terms = self.later[..., None] ** 2 * squares[..., 1:, :] + self.earlier[..., None] ** 2 * squares[..., :-1, :]
+        total: Array = terms.sum(axis=-2)
+        return total

@@ -25,7 +25,7 @@ class LstsqSolution:
         NaN where the matrix is rank deficient.
     full_rank : ndarray of bool, shape (...)
     condition : ndarray, shape (...)
-        Condition number of the matrix with columns scaled to unit length.
+        Condition number of the matrix with columns scaled to unit length, times its `cancellation`.
     inverse : ndarray, shape (..., p, m)
         The pseudo-inverse; NaN where rank deficient.
     objective : ndarray, shape (...)
@@ -53,7 +53,7 @@ def rank_tolerance(rows: int, columns: int) -> float:
     return 4.0 * max(rows, columns) * EPS
 
 
-def solve_svd(matrix: Array, rhs: Array, *, inverse: bool = True) -> LstsqSolution:
+def solve_svd(matrix: Array, rhs: Array, cancellation: Array | float = 1.0, *, inverse: bool = True) -> LstsqSolution:
     r"""Least squares by the singular values of the column-scaled matrix, batched.
 
     Parameters
@@ -61,6 +61,9 @@ def solve_svd(matrix: Array, rhs: Array, *, inverse: bool = True) -> LstsqSoluti
     matrix : ndarray, shape (..., m, p)
         With m ≥ p.
     rhs : ndarray, shape (..., m)
+    cancellation : ndarray, shape (...), default 1
+        By how much the subtractions that made the matrix shortened its columns, at worst. The rounding of its
+        entries, and so the condition number and the smallest singular value that counts, grow by that much.
     inverse : bool, default True
         As in :func:`solve`.
 
@@ -73,9 +76,9 @@ def solve_svd(matrix: Array, rhs: Array, *, inverse: bool = True) -> LstsqSoluti
     """
     scale = _column_scale(matrix)
     u, s, vt = np.linalg.svd(matrix / scale[..., None, :], full_matrices=False)
-    full_rank: BoolArray = s[..., -1] > rank_tolerance(*matrix.shape[-2:]) * s[..., 0]
+    full_rank: BoolArray = s[..., -1] > rank_tolerance(*matrix.shape[-2:]) * cancellation * s[..., 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        condition = np.where(full_rank, s[..., 0] / s[..., -1], np.inf)
+        condition = np.where(full_rank, cancellation * s[..., 0] / s[..., -1], np.inf)
         weights = np.where(full_rank[..., None], 1.0 / s, np.nan)
     left = transpose(u)
     back = transpose(vt) * weights[..., None, :] / scale[..., :, None]
@@ -92,7 +95,7 @@ def solve_svd(matrix: Array, rhs: Array, *, inverse: bool = True) -> LstsqSoluti
     )
 
 
-def solve(matrix: Array, rhs: Array, *, inverse: bool = True) -> LstsqSolution:
+def solve(matrix: Array, rhs: Array, cancellation: Array | float = 1.0, *, inverse: bool = True) -> LstsqSolution:
     r"""Least squares to the accuracy of an orthogonal factorisation, as fast as the condition allows.
 
     Where the condition number :math:`\kappa` of the column-scaled matrix is below 1000, its Gram matrix G
@@ -104,6 +107,8 @@ def solve(matrix: Array, rhs: Array, *, inverse: bool = True) -> LstsqSolution:
     Parameters
     ----------
     matrix, rhs : ndarray, shape (..., m, p) and (..., m)
+    cancellation : ndarray, shape (...), default 1
+        As in :func:`solve_svd`.
     inverse : bool, default True
         Whether to form the pseudo-inverse; without it that field is empty, (..., p, 0).
     """
@@ -115,7 +120,8 @@ def solve(matrix: Array, rhs: Array, *, inverse: bool = True) -> LstsqSolution:
     inner = _inverse_or_nan(gram)
     with np.errstate(invalid="ignore"):
         condition = np.sqrt(_frobenius(gram) * _frobenius(inner))
-        good: BoolArray = np.asarray(condition < GRAM_LIMIT)
+        seen = cancellation * condition * rank_tolerance(*matrix.shape[-2:]) < 1.0
+        good: BoolArray = np.asarray((condition < GRAM_LIMIT) & seen)
 
     def back(residual: Array) -> tuple[Array, Array]:
         """The scaled gradient A'r of a residual, and the step that it asks for, in units of x."""
@@ -129,14 +135,15 @@ def solve(matrix: Array, rhs: Array, *, inverse: bool = True) -> LstsqSolution:
     solution = LstsqSolution(
         values,
         good,
-        np.asarray(condition),
+        np.asarray(cancellation * condition),
         (inner / scale[..., None, :] / scale[..., :, None]) @ left if inverse else np.empty((*values.shape, 0)),
         0.5 * np.einsum("...m,...m->...", residual, residual),
         0.5 * np.einsum("...p,...p->...", gradient, step * scale),
     )
     if good.all():
         return solution
-    return _replaced(solution, ~good, solve_svd(matrix[~good], rhs[~good], inverse=inverse))
+    lost = np.broadcast_to(cancellation, good.shape)[~good]
+    return _replaced(solution, ~good, solve_svd(matrix[~good], rhs[~good], lost, inverse=inverse))
 
 
 def _inverse_or_nan(gram: Array) -> Array:
@@ -162,7 +169,9 @@ def _replaced(solution: LstsqSolution, where: BoolArray, other: LstsqSolution) -
     return LstsqSolution(**parts)
 
 
-def solve_normal_equations(matrix: Array, rhs: Array, *, inverse: bool = True) -> LstsqSolution:
+def solve_normal_equations(
+    matrix: Array, rhs: Array, cancellation: Array | float = 1.0, *, inverse: bool = True
+) -> LstsqSolution:
     r"""Least squares as the paper writes it, :math:`x = (A^T A)^{-1} A^T y`, batched.
 
     The condition number is squared on the way: where :math:`\kappa^2` reaches 1/eps, no digit is left.
@@ -171,7 +180,8 @@ def solve_normal_equations(matrix: Array, rhs: Array, *, inverse: bool = True) -
     gram = transposed @ matrix
     scale = _column_scale(matrix)
     eigenvalues = np.linalg.eigvalsh(gram / scale[..., None, :] / scale[..., :, None])
-    full_rank: BoolArray = eigenvalues[..., 0] > rank_tolerance(*matrix.shape[-2:]) * eigenvalues[..., -1]
+    share = rank_tolerance(*matrix.shape[-2:])
+    full_rank: BoolArray = eigenvalues[..., 0] > np.maximum(share, (share * cancellation) ** 2) * eigenvalues[..., -1]
     safe = np.where(full_rank[..., None, None], gram, np.eye(matrix.shape[-1]))
     inner = np.linalg.inv(safe)
     inner[~full_rank] = np.nan
@@ -179,7 +189,7 @@ def solve_normal_equations(matrix: Array, rhs: Array, *, inverse: bool = True) -
     residual = matvec(matrix, values) - rhs
     gradient = matvec(transposed, residual)
     with np.errstate(divide="ignore", invalid="ignore"):
-        condition = np.where(full_rank, np.sqrt(eigenvalues[..., -1] / eigenvalues[..., 0]), np.inf)
+        condition = np.where(full_rank, cancellation * np.sqrt(eigenvalues[..., -1] / eigenvalues[..., 0]), np.inf)
     return LstsqSolution(
         values,
         full_rank,
@@ -190,7 +200,7 @@ def solve_normal_equations(matrix: Array, rhs: Array, *, inverse: bool = True) -
     )
 
 
-def null_combinations(matrix: Array) -> Array:
+def null_combinations(matrix: Array, cancellation: float = 1.0) -> Array:
     """Directions that one matrix (m, p) does not see, in the units of its parameters, shape (k, p).
 
     The basis is brought to row-echelon form, so that unseen combinations that involve few
@@ -198,7 +208,7 @@ def null_combinations(matrix: Array) -> Array:
     """
     scale = _column_scale(matrix)
     _, s, vt = np.linalg.svd(matrix / scale)
-    tolerance = rank_tolerance(*matrix.shape) * (s[0] if s.size else 1.0)
+    tolerance = rank_tolerance(*matrix.shape) * cancellation * (s[0] if s.size else 1.0)
     rank = int((s > tolerance).sum())
     basis = vt[rank:] / scale
     basis /= np.abs(basis).max(axis=1, keepdims=True, initial=1e-300)

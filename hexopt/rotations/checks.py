@@ -8,7 +8,7 @@ import numpy.typing as npt
 from ..arrays import Array, as_array
 from ..errors import InputError
 
-__all__ = ["at_index", "check_rotation", "skew"]
+__all__ = ["at_index", "check_rotation", "skew", "turning_columns"]
 
 ORTHONORMALITY_TOLERANCE = 1e-6
 
@@ -62,6 +62,17 @@ def check_rotation(name: str, matrix: npt.ArrayLike, *, tolerance: float = ORTHO
             "rotation; check the order and signs of its axes"
         )
     return rotation
+
+
+def turning_columns(arm: Array) -> Array:
+    r"""How a turned vector moves, :math:`\partial(R b)/\partial\omega = -[R b]_\times`, (..., 3, 3), unchecked.
+
+    `arm` is :math:`R b`, (..., 3).
+    """
+    out = np.zeros((*arm.shape, 3))
+    out[..., 1, 2], out[..., 2, 0], out[..., 0, 1] = arm[..., 0], arm[..., 1], arm[..., 2]
+    out[..., 2, 1], out[..., 0, 2], out[..., 1, 0] = -arm[..., 0], -arm[..., 1], -arm[..., 2]
+    return out
 
 
 def _dot(left: Array, right: Array) -> Array:

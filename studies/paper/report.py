@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 import hexopt as hx
-from studies.harness import aggregate
+from studies.harness import aggregate, read_manifest
 from studies.harness.figures import save_figure, use_style
 from studies.harness.html import Report, Section, provenance
 from studies.paper.figures import PAPER, factors_over_ranges, figure_5_and_6, figure_7_and_8, figure_9_and_10
@@ -21,8 +22,15 @@ NAMES = {"direction": "Type I", "leg": "Type II", "length": "Type III"}
 POINT = {"base_error": "base point a", "platform_error": "platform point b", "offset_error": "offset δ"}
 
 
-def write(out: Path) -> Path:
-    """Figures into ``out/figures`` and the page ``out/report.html``, from the rows in `out` alone."""
+def write(out: Path) -> Path | None:
+    """Figures into ``out/figures`` and the page ``out/report.html``, from the rows in `out` alone.
+
+    None, and a line on stderr, where `out` holds only some of the scenarios (``--only``).
+    """
+    missing = len(SCENARIOS) - len(read_manifest(out)["scenarios"])
+    if missing:
+        print(f"no report: {out} lacks {missing} of {len(SCENARIOS)} scenarios; run without --only", file=sys.stderr)
+        return None
     use_style()
     table = _statistics(out)
     robot = hx.robots.left_hand()

@@ -1,0 +1,5 @@
+"""The command line: ``hexopt robots``, ``hexopt simulate``, ``hexopt calibrate``."""
+
+from .app import main
+
+__all__ = ["main"]

@@ -1,0 +1,65 @@
+"""Which of a loop's parameters are unknown, and what the others are known to be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import Array, as_array
+from ..errors import InputError
+from ..geometry import Leg
+from ..geometry.leg import LEG_BLOCKS
+from ..result import Estimate
+
+__all__ = ["Known", "chosen_unknown", "known_values", "square_root"]
+
+#: A known value: an array, or an estimate that brings its covariance along.
+Known = npt.ArrayLike | Estimate
+
+
+def chosen_unknown(
+    loop: str, involved: Sequence[str], unknown: str | Sequence[str], given: Mapping[str, Any]
+) -> tuple[str, ...]:
+    """The names to estimate, in the order of a leg's blocks; strange, foreign and doubly given names are errors."""
+    names = tuple([unknown] if isinstance(unknown, str) else unknown)
+    if not names or set(names) - set(involved):
+        raise InputError(f"unknown: {loop} can estimate {', '.join(involved)}; got {names or 'nothing'}")
+    foreign = [name for name, value in given.items() if value is not None and name not in involved]
+    if foreign:
+        raise InputError(f"{loop} does not contain {', '.join(foreign)}; leave it out")
+    both = [name for name in names if given[name] is not None]
+    if both:
+        raise InputError(f"{', '.join(both)}: both given and unknown; name the unknown ones by unknown=(…)")
+    return tuple(name for name in LEG_BLOCKS if name in names)
+
+
+def known_values(
+    loop: str, names: Sequence[str], given: Mapping[str, Any], nominal: Leg | None
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Values of the known blocks (..., size), and roots of the covariance of those that have one."""
+    values, roots = {}, {}
+    for name in names:
+        value = given[name]
+        if isinstance(value, Estimate):
+            values[name] = value.params[name]
+            if value.covariance is not None:
+                roots[name] = square_root(value.covariance_of(name))
+        elif value is not None:
+            size = LEG_BLOCKS[name]
+            array = as_array(name, value, (size,) if size > 1 else ())
+            values[name] = array if size > 1 else array[..., None]
+        elif nominal is not None:
+            values[name] = nominal.block(name)
+        else:
+            raise InputError(f"{name}: {loop} needs it; give {name}=…, or measurements with nominal=robot.leg(k)")
+    return values, roots
+
+
+def square_root(covariance: Array) -> Array:
+    """A factor F with F F' = covariance, for positive semidefinite input."""
+    values, vectors = np.linalg.eigh(covariance)
+    factor: Array = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    return factor

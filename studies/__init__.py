@@ -1,0 +1,1 @@
+"""Monte-Carlo studies that compare calibration methods: ``python -m studies`` lists them."""
