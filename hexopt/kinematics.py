@@ -72,7 +72,7 @@ def inverse_kinematics(robot: Hexapod, position: npt.ArrayLike, rotation: npt.Ar
     >>> import numpy as np
     >>> import hexopt as hx
     >>> hx.inverse_kinematics(hx.robots.left_hand(), [0.0, 0.0, 19.0], np.eye(3)).round(3)
-    array([4.977, 4.977, 4.998, 4.973, 4.973, 4.998])
+    array([4.977, 4.977, 4.996, 4.996, 4.996, 4.996])
     """
     return (leg_lengths(robot, position, rotation) - robot.offsets) / robot.gains
 

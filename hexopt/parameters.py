@@ -117,7 +117,7 @@ class Parameters:
         """A linear combination in words, such as "0.71·base_point.x − 0.71·offset"."""
         weights = np.asarray(vector, dtype=float)
         weights = weights / np.abs(weights).max()
-        order = [i for i in range(len(weights)) if abs(weights[i]) >= threshold]
+        order = [i for i in range(len(weights)) if weights[i] != 0 and abs(weights[i]) >= threshold]
         if order and weights[order[0]] < 0:
             weights = -weights
         text = ""

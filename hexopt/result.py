@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import Array, BoolArray, norm
-from .errors import EstimationError, InputError, RankDeficientError
-from .geometry import Leg
+from .errors import EstimationError, InputError, RankDeficientError, UnitError
+from .geometry import LENGTH_UNITS, Leg
 from .geometry.leg import LEG_BLOCKS
 from .parameters import Parameters
 
@@ -134,6 +134,9 @@ class Estimate:
         ----------
         Daney (1998), section 4: the error index.
         """
+        for block in self.parameters:
+            if block.name in LEG_BLOCKS and block.unit in LENGTH_UNITS and block.unit != leg.length_unit:
+                raise UnitError(f"the estimate of {block.name} is in {block.unit}, the leg in {leg.length_unit}")
         return {name: norm(values - leg.block(name)) for name, values in self.params.items() if name in LEG_BLOCKS}
 
     def __getitem__(self, index: Any) -> Estimate:

@@ -133,7 +133,8 @@ def _combinations(problem: LinearProblem, index: tuple[np.intp, ...]) -> tuple[s
     if 0 in problem.batch_shape:
         return ()
     lost = float(np.broadcast_to(problem.cancellation, problem.batch_shape)[first])
-    return tuple(problem.parameters.combination(vector) for vector in null_combinations(problem.matrix[first], lost))
+    unseen = null_combinations(problem.matrix[first], lost, threshold=0.05)
+    return tuple(problem.parameters.combination(vector, threshold=0.0) for vector in unseen)
 
 
 def degrees_of_freedom(problem: LinearProblem) -> int:

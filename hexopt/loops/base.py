@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import Array, matvec
-from ..errors import InputError, LockError
+from ..errors import InputError, LockError, UnitError
 from ..geometry import Leg
 from ..geometry.leg import LEG_BLOCKS
 from ..measurements import LegMeasurements, Lock
@@ -92,7 +92,13 @@ class Loop(ABC):
         self._known, self._known_roots = known_values(name, known, given, data.nominal)
         #: Sets of which a known value is an estimate that failed.
         self._failed = np.array(False)
-        for value in self._known.values():
+        for block, value in self._known.items():
+            try:
+                np.broadcast_shapes(value.shape[:-1], data.batch_shape)
+            except ValueError:
+                raise InputError(
+                    f"{block}: {value.shape[:-1]} values do not fit a batch of {data.batch_shape} sets"
+                ) from None
             self._failed = self._failed | np.isnan(value).any(axis=-1)
         unit = data.length_unit
         self.parameters = Parameters(
@@ -133,6 +139,8 @@ class Loop(ABC):
 
         What `x` does not say of the nuisance is filled in with what fits the data best.
         """
+        if isinstance(x, Leg) and x.length_unit != self.data.length_unit:
+            raise UnitError(f"the measurements are in {self.data.length_unit}, the leg in {x.length_unit}")
         if isinstance(x, Leg):
             parts = {name: x.block(name) for name in self.unknown}
         elif isinstance(x, Estimate):

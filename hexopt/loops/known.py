@@ -59,7 +59,9 @@ def known_values(
 
 
 def square_root(covariance: Array) -> Array:
-    """A factor F with F F' = covariance, for positive semidefinite input."""
-    values, vectors = np.linalg.eigh(covariance)
+    """A factor F with F F' = covariance, for positive semidefinite input; NaN where that is NaN."""
+    finite = np.isfinite(covariance).all(axis=(-2, -1), keepdims=True)
+    values, vectors = np.linalg.eigh(np.where(finite, covariance, 0.0))
+    vectors = np.where(finite, vectors, np.nan)
     factor: Array = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
     return factor

@@ -82,7 +82,7 @@ class LegLength(Loop):
 
     def _noise_columns(self, blocks: Mapping[str, Array]) -> Array:
         unit = self._unit(blocks)
-        out = np.zeros((*unit.shape[:-1], 1, 7))
+        out = np.zeros((*np.broadcast_shapes(unit.shape[:-1], blocks["gain"].shape), 1, 7))
         out[..., 0, :3] = unit
         out[..., 0, 3:6] = np.einsum("...ni,...nij->...nj", unit, turning_columns(self._arm(blocks)))
         out[..., 0, 6] = -blocks["gain"]

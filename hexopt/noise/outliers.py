@@ -31,6 +31,7 @@ class Outliers:
 
     Examples
     --------
+    >>> from hexopt import UniformNoise
     >>> Outliers(UniformNoise(0.01), fraction=0.15, shift=(0.5, 2.0)).fraction
     0.15
     """

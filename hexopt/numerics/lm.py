@@ -75,7 +75,7 @@ def levenberg_marquardt(
             new_jacobian[better],
         )
         cost = np.where(better, new_cost, cost)
-        shrink = np.maximum(1.0 / 3.0, 1.0 - (2.0 * np.nan_to_num(ratio) - 1.0) ** 3)
+        shrink = np.maximum(1.0 / 3.0, 1.0 - (2.0 * np.clip(np.nan_to_num(ratio), 0.0, 1.0) - 1.0) ** 3)
         damping = np.where(better, np.maximum(damping * shrink, 1e-15), np.minimum(damping * growth, 1e15))
         growth = np.where(better, 2.0, np.minimum(2.0 * growth, 1e9))
         iterations += active

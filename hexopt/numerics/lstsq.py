@@ -200,22 +200,24 @@ def solve_normal_equations(
     )
 
 
-def null_combinations(matrix: Array, cancellation: float = 1.0) -> Array:
+def null_combinations(matrix: Array, cancellation: float = 1.0, threshold: float = 1e-9) -> Array:
     """Directions that one matrix (m, p) does not see, in the units of its parameters, shape (k, p).
 
     The basis is brought to row-echelon form, so that unseen combinations that involve few
-    parameters are shown as such.
+    parameters are shown as such. Entries below `threshold` are left out; what is small is judged with
+    columns of unit length, whatever the units are.
     """
     scale = _column_scale(matrix)
     _, s, vt = np.linalg.svd(matrix / scale)
     tolerance = rank_tolerance(*matrix.shape) * cancellation * (s[0] if s.size else 1.0)
     rank = int((s > tolerance).sum())
-    basis = vt[rank:] / scale
-    basis /= np.abs(basis).max(axis=1, keepdims=True, initial=1e-300)
+    basis = vt[rank:]
     for row in range(len(basis)):
         pivot = int(np.argmax(np.abs(basis[row])))
         basis[row] /= basis[row, pivot]
         others = [other for other in range(len(basis)) if other != row]
         basis[others] -= basis[others, pivot : pivot + 1] * basis[row]
-    basis[np.abs(basis) < 1e-9] = 0.0
+    basis[np.abs(basis) < threshold * np.abs(basis).max(axis=1, keepdims=True, initial=1e-300)] = 0.0
+    basis = basis / scale
+    basis /= np.abs(basis).max(axis=1, keepdims=True, initial=1e-300)
     return basis[np.argsort(np.argmax(basis != 0, axis=1), kind="stable")]

@@ -1,5 +1,6 @@
 """The command line: short answers, one line when something is wrong, and the example of the README."""
 
+import math
 import os
 import re
 import subprocess
@@ -111,9 +112,4 @@ def test_the_example_of_the_readme_runs(tmp_path):
     found = aggregate(tmp_path / "results" / "mine", ["scenario", "method"], "error")
     assert list(found["count"]) == [5000] * 4
     ratio = (found.loc[("large", "median"), "std"] / found.loc[("large", "mean"), "std"]) ** 2
-    assert ratio == pytest.approx(np_pi_half(), abs=0.1)
-
-
-def np_pi_half():
-    """The variance of the median over that of the mean, for many normal samples."""
-    return 3.141592653589793 / 2
+    assert ratio == pytest.approx(math.pi / 2, abs=0.1), "what theory says of many normal samples"

@@ -207,8 +207,9 @@ def test_an_interrupted_sweep_says_so_and_goes_on(name, workers, unbroken, tmp_p
     process.send_signal(getattr(signal, name))
     _, said = process.communicate(timeout=20)
     assert process.returncode == 130
-    assert said == "python -m studies slow: interrupted; finished chunks are kept, --resume goes on\n"
-    left = len(contents(out))
+    own = [line for line in said.splitlines() if "resource_tracker" not in line and "warnings.warn" not in line]
+    assert own == ["python -m studies slow: interrupted; finished chunks are kept, --resume goes on"]
+    left = len(list(out.rglob("*.parquet")))
     assert 3 <= left < 24
     assert sweep(SLOW, out, resume=True, workers=2).kept == left
     assert contents(out) == contents(unbroken)

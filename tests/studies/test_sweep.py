@@ -12,6 +12,7 @@ from toy_study import STUDY, Toy
 
 from studies.harness import Study, StudyError, TaskError, generator, load, rerun, sweep
 from studies.harness.store import ChunkFile
+from studies.harness.study import stream_of
 
 WIDE = STUDY.scenarios[1].key
 
@@ -120,18 +121,12 @@ def test_an_error_in_a_task_says_which_and_keeps_the_others(workers, tmp_path):
     said = str(caught.value)
     assert said.startswith("scenario 'bad', chunk ")
     assert said.endswith("raised ZeroDivisionError: no such luck, in two lines")
-    assert f"seed 5, spawn key ({generator_stream('bad')}, " in said
+    assert f"seed 5, spawn key ({stream_of('bad')}, " in said
     assert "in _act" in caught.value.details
     kept = load(tmp_path, partial=True)
     assert set(kept["scenario"]) == {"narrow"}
     with pytest.raises(StudyError, match="is unfinished"):
         load(tmp_path)
-
-
-def generator_stream(key):
-    from studies.harness.study import stream_of
-
-    return stream_of(key)
 
 
 def test_an_error_names_a_chunk_that_fails_again(tmp_path):
