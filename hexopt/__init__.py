@@ -37,7 +37,7 @@ _HOMES = {
     "readers": "read_measurements write_measurements",
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
-_MODULES = ("errors", "loops", "robots", "rotations")
+_MODULES = ("errors", "loops", "robots", "rotations", "testing")
 
 __all__ = sorted([*_HOME_OF, *_MODULES, "__version__"])  # built from the table above
 

@@ -103,8 +103,8 @@ class LinearProblem:
     at : array_like, optional
         Where the noise is evaluated for weights, as its `covariance` takes it (a loop also takes the nuisance
         that its form eliminates); by default at the unweighted solution.
-    cancellation : array_like, shape (...), default 1
-        By how much the form's differences shortened the columns of the matrix, at worst.
+    cancellation : array_like, shape (..., p), optional
+        By how much the form's differences shortened each column of the matrix; by default 1, not at all.
     minimum_poses : int, optional
         How many poses the loop equation needs, for error messages.
     name : str
@@ -135,7 +135,7 @@ class LinearProblem:
     form: Form = field(default_factory=Direct)
     noise: RowNoise | None = None
     at: Array | None = None
-    cancellation: Array = 1.0  # type: ignore[assignment]  # turned into an array below
+    cancellation: Array = None  # type: ignore[assignment]  # made an array below
     minimum_poses: int | None = None
     name: str = "the problem"
 
@@ -150,12 +150,19 @@ class LinearProblem:
             raise InputError(f"{self.matrix.shape[-2]} rows are no multiple of rows_per_block={self.rows_per_block}")
         if self.at is not None:
             object.__setattr__(self, "at", as_array("at", self.at, ("p",)))
-        object.__setattr__(self, "cancellation", as_array("cancellation", self.cancellation))
+        size = self.parameters.size
+        lost = np.ones(size) if self.cancellation is None else as_array("cancellation", self.cancellation, (size,))
+        object.__setattr__(self, "cancellation", lost)
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """Leading dimensions: () for one problem."""
         return self.rhs.shape[:-1]
+
+    @property
+    def worst_cancellation(self) -> Array:
+        """The largest factor by which a column was shortened, shape (...)."""
+        return self.cancellation.max(axis=-1)
 
     def residual(self, values: Array) -> Array:
         """``A x − y``, shape (..., m)."""
@@ -181,7 +188,9 @@ class LinearProblem:
                 "noise=UniformNoise(…) or NormalNoise(…), or use weights=None"
             )
         if values is None:
-            values = self.at if self.at is not None else solve_svd(self.matrix, self.rhs, self.cancellation).values
+            values = self.at
+        if values is None:
+            values = solve_svd(self.matrix, self.rhs, self.worst_cancellation).values
         return self.noise.covariance(values)
 
     def whitening(self) -> Whitening:

@@ -74,7 +74,8 @@ def joint_covariance(gains: Mapping[str, Gain]) -> Array:
         blocks = [_of_set(gain, key, data.n_poses) for gain in gains.values()]
         shape = np.broadcast_shapes(*(block.shape[:-3] for block in blocks))
         gain = np.concatenate([np.broadcast_to(block, (*shape, *block.shape[-3:])) for block in blocks], axis=-3)
-        part = np.einsum("...pne,...nef,...qnf->...pq", gain, data.noise.covariance(data.rotation), gain, optimize=True)
+        own = data.noise.covariance(data.position, data.rotation)
+        part = np.einsum("...pne,...nef,...qnf->...pq", gain, own, gain, optimize=True)
         common = data.noise.common()
         if common is not None:
             shared = gain.sum(axis=-2)

@@ -81,7 +81,7 @@ class ConvexEstimator:
         check_rows(target)
         root = target.whitening() if self.weights == "model" else None
         matrix, rhs = target.whitened_by(root)
-        reference = solve_svd(matrix, rhs, target.cancellation)
+        reference = solve_svd(matrix, rhs, target.worst_cancellation)
         values = np.full(reference.values.shape, np.nan)
         codes = np.full(target.batch_shape, Status.RANK_DEFICIENT, dtype=np.int8)
         for index in zip(*np.nonzero(np.atleast_1d(reference.full_rank)), strict=True):

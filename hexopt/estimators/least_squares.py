@@ -77,9 +77,9 @@ class LeastSquares:
         check_rows(target)
         solver = _SOLVERS[self.method]
         root = target.whitening() if self.weights == "model" else None
-        solution = solver(*target.whitened_by(root), target.cancellation, inverse=self.covariance)
+        solution = solver(*target.whitened_by(root), target.worst_cancellation, inverse=self.covariance)
         if self.method == "normal":
-            _warn_of_lost_digits(solution.condition, target.cancellation)
+            _warn_of_lost_digits(solution.condition, target.worst_cancellation)
         if self.covariance:
             uncertainty = linear_uncertainty(target, solution, root, solution.values)
         else:
@@ -125,15 +125,21 @@ def unseen_combinations(problem: LinearProblem, solution: LstsqSolution) -> tupl
     if solution.full_rank.all():
         return ()
     first = np.unravel_index(int(np.argmin(solution.full_rank)), solution.full_rank.shape)
-    return _combinations(problem, first) or ("nothing, but the normal equations square the condition number",)
+    seen = _combinations(problem, first)
+    if seen:
+        return seen
+    lost = np.broadcast_to(problem.worst_cancellation, problem.batch_shape)[first]
+    if solve_svd(problem.matrix[first], problem.rhs[first], lost).full_rank:
+        return ("nothing, but the normal equations square the condition number",)
+    return _combinations(problem, first, at_least=1)
 
 
-def _combinations(problem: LinearProblem, index: tuple[np.intp, ...]) -> tuple[str, ...]:
-    first = index or (0,) * len(problem.batch_shape)
+def _combinations(problem: LinearProblem, index: tuple[np.intp, ...], at_least: int = 0) -> tuple[str, ...]:
     if 0 in problem.batch_shape:
         return ()
-    lost = float(np.broadcast_to(problem.cancellation, problem.batch_shape)[first])
-    unseen = null_combinations(problem.matrix[first], lost, threshold=0.05)
+    first = index or (0,) * len(problem.batch_shape)
+    lost = np.broadcast_to(problem.cancellation, (*problem.batch_shape, problem.parameters.size))[first]
+    unseen = null_combinations(problem.matrix[first], lost, threshold=0.05, at_least=at_least)
     return tuple(problem.parameters.combination(vector, threshold=0.0) for vector in unseen)
 
 

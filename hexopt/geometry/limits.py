@@ -100,8 +100,8 @@ class PoseRanges:
     Notes
     -----
     The paper does not print its ranges, and they decide its error factors: the platform error goes as
-    1/(range of rotations), the base error of Type I as 1/(spread of leg length), that of Type III as
-    1/(cone of directions). Always state them beside a figure: :meth:`describe`.
+    1/(range of rotations), the base error of Type I as 1/(spread of leg length), that of Type III
+    nearly as 1/(cone of directions)². Always state them beside a figure: :meth:`describe`.
 
     Examples
     --------

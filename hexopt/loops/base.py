@@ -124,7 +124,10 @@ class Loop(ABC):
         """∂g_i/∂(δP, δω, δρ), shape (..., n, d, 7)."""
 
     def _nuisance_values(self, blocks: Mapping[str, Array]) -> dict[str, Array]:
-        """The nuisance that fits the leg's blocks best, in closed form."""
+        """The nuisance that fits the leg's blocks best, in closed form; a loop with a nuisance writes this."""
+        if self.nuisance:
+            names = ", ".join(self.nuisance)
+            raise InputError(f"values: {names} missing; give them, or write {type(self).__name__}._nuisance_values")
         return {}
 
     @property
@@ -208,7 +211,7 @@ class Loop(ABC):
             raise InputError(f"{type(self).__name__}: the measurements have no noise model; give them noise=…")
         blocks = self._blocks(values)
         jacobian = self._noise_columns(blocks)
-        own = jacobian @ noise.covariance(self.data.rotation) @ np.swapaxes(jacobian, -1, -2)
+        own = jacobian @ noise.covariance(self.data.position, self.data.rotation) @ np.swapaxes(jacobian, -1, -2)
         shared = []
         common = noise.common()
         if common is not None:
@@ -267,7 +270,7 @@ class Loop(ABC):
         if self._failed.any():  # a known value that failed: no equations, so that these sets fail alone
             matrix = np.where(self._failed[..., None, None, None], 0.0, matrix)
             rhs = np.where(self._failed[..., None, None], 0.0, rhs)
-            lost = np.where(self._failed, 1.0, lost)
+            lost = np.where(self._failed[..., None], 1.0, lost)
         batch = np.broadcast_shapes(matrix.shape[:-3], rhs.shape[:-2])
         rows = rhs.shape[-2] * rhs.shape[-1]
         return LinearProblem(
@@ -316,11 +319,11 @@ class Loop(ABC):
 
 
 def _cancellation(form: Form, direct: Array, formed: Array) -> Array:
-    """By how much a form's differences shortened the columns of the direct rows, at worst, shape (...)."""
+    """By how much a form's differences shortened each column of the direct rows, shape (..., p)."""
     if isinstance(form, Direct):
-        return np.array(1.0)
+        return np.ones(direct.shape[-1])
     before = form.before(np.einsum("...ndp,...ndp->...np", direct, direct))
     after = np.einsum("...ndp,...ndp->...p", formed, formed)
     ratio = np.divide(before, after, out=np.ones(after.shape), where=after > 0)  # no column at all is seen as such
-    worst: Array = np.sqrt(np.maximum(ratio, 1.0).max(axis=-1))
-    return worst
+    factor: Array = np.sqrt(np.maximum(ratio, 1.0))
+    return factor

@@ -18,7 +18,7 @@ ROTATION_VECTOR = "rotation_vector"
 
 @runtime_checkable
 class Noise(Protocol):
-    """What a noise model offers; write a class with these three methods to add your own."""
+    """What a noise model offers; write a class with these four methods to add your own."""
 
     def apply(
         self, position: Array, rotation: Array, length: Array, rng: np.random.Generator
@@ -26,7 +26,7 @@ class Noise(Protocol):
         """Noisy copies of exact readings; `length` is (..., n) for one leg or (..., n, 6)."""
         ...
 
-    def covariance(self, rotation: Array, n_readings: int = 1) -> Array:
+    def covariance(self, position: Array, rotation: Array, n_readings: int = 1) -> Array:
         """Covariance of e per pose, (..., n, 6 + n_readings, 6 + n_readings)."""
         ...
 

@@ -64,7 +64,7 @@ class NormalNoise:
             dl = self.length * rng.standard_normal(flat.shape)
             turned = turn(rotation, dq, self.coordinates) if self.angle else rotation
         else:
-            root = _root(self.covariance(rotation, n_readings))
+            root = _root(self.covariance(position, rotation, n_readings))
             error = matvec(root, rng.standard_normal(root.shape[:-1]))
             dp, dl = error[..., :3], error[..., 6:]
             turned = rotation_vector_to_matrix(error[..., 3:6]) @ rotation
@@ -75,7 +75,7 @@ class NormalNoise:
             turned = rotation_vector_to_matrix(error[..., 3:6]) @ turned
         return position + dp, turned, length + (dl[..., 0] if n_readings == 1 else dl)
 
-    def covariance(self, rotation: Array, n_readings: int = 1) -> Array:
+    def covariance(self, position: Array, rotation: Array, n_readings: int = 1) -> Array:
         """Covariance of e at the given rotations, (..., n, 6 + r, 6 + r)."""
         if self.pose_covariance is None:
             variances = (self.position**2, self.angle**2, self.length**2)

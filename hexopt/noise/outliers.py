@@ -61,9 +61,9 @@ class Outliers:
         jump = rng.uniform(*self.shift, size=position.shape[:-1])
         return position + (bad * jump)[..., None] * direction, rotation, length
 
-    def covariance(self, rotation: Array, n_readings: int = 1) -> Array:
+    def covariance(self, position: Array, rotation: Array, n_readings: int = 1) -> Array:
         """The covariance of the good poses."""
-        return self.noise.covariance(rotation, n_readings)
+        return self.noise.covariance(position, rotation, n_readings)
 
     def common(self, n_readings: int = 1) -> Array | None:
         """The shared error of the base noise."""

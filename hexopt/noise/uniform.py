@@ -35,7 +35,7 @@ class UniformNoise:
     --------
     >>> import numpy as np
     >>> noise = UniformNoise(position=0.01, angle=np.deg2rad(0.01), length=0.01)
-    >>> noise.covariance(np.eye(3)[None]).shape
+    >>> noise.covariance(np.zeros((1, 3)), np.eye(3)[None]).shape
     (1, 7, 7)
     """
 
@@ -57,7 +57,7 @@ class UniformNoise:
         turned = turn(rotation, dq, self.coordinates) if self.angle else rotation
         return position + dp, turned, length + dl
 
-    def covariance(self, rotation: Array, n_readings: int = 1) -> Array:
+    def covariance(self, position: Array, rotation: Array, n_readings: int = 1) -> Array:
         """First-order covariance of e at the given rotations, (..., n, 6 + r, 6 + r)."""
         variances = (self.position**2 / 3, self.angle**2 / 3, self.length**2 / 3)
         return structured_covariance(variances, self.coordinates, rotation, n_readings)

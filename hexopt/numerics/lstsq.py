@@ -200,17 +200,21 @@ def solve_normal_equations(
     )
 
 
-def null_combinations(matrix: Array, cancellation: float = 1.0, threshold: float = 1e-9) -> Array:
+def null_combinations(
+    matrix: Array, cancellation: Array | float = 1.0, threshold: float = 1e-9, at_least: int = 0
+) -> Array:
     """Directions that one matrix (m, p) does not see, in the units of its parameters, shape (k, p).
 
     The basis is brought to row-echelon form, so that unseen combinations that involve few
     parameters are shown as such. Entries below `threshold` are left out; what is small is judged with
-    columns of unit length, whatever the units are.
+    columns of unit length, whatever the units are. Columns that differences shortened by `cancellation`
+    (a number, or one a column) have lost that much: what is left may be rounding. `at_least` so many
+    directions are returned, the least seen ones.
     """
-    scale = _column_scale(matrix)
+    scale = _column_scale(matrix) * cancellation
     _, s, vt = np.linalg.svd(matrix / scale)
-    tolerance = rank_tolerance(*matrix.shape) * cancellation * (s[0] if s.size else 1.0)
-    rank = int((s > tolerance).sum())
+    tolerance = rank_tolerance(*matrix.shape) * (max(s[0], 1.0) if s.size else 1.0)
+    rank = min(int((s > tolerance).sum()), len(vt) - at_least)
     basis = vt[rank:]
     for row in range(len(basis)):
         pivot = int(np.argmax(np.abs(basis[row])))

@@ -179,8 +179,8 @@ def _figure_sections(report: Report, table: pd.DataFrame, out: Path, ranges: str
     section = report.section(
         "How the factors depend on the ranges",
         "Each panel varies one range and keeps the others. The error of b goes as one over the range of rotations, the "
-        "Type I error of a as one over the spread of leg length, the Type III error of a as one over the cone of "
-        "directions: no factor means anything without its ranges.",
+        "Type I error of a as one over the spread of leg length, the Type III error of a nearly as one over the "
+        "square of the cone of directions: no factor means anything without its ranges.",
     )
     own = hx.robots.left_hand().ranges
     default = {

@@ -1,0 +1,287 @@
+"""The contracts, one method each, of one estimator on one kind of target."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import EstimationError, HexoptError, InputError
+from ..geometry import Hexapod
+from ..measurements import LegMeasurements, Lock
+from ..noise import NormalNoise
+from ..problem import LinearProblem
+from ..result import Estimate, Estimator, Status, estimate
+from ..simulation import simulate_leg
+from .motions import Motion, ScaledNoise, base_motion, platform_motion, unit_change
+
+__all__ = ["CLAIMS", "COMMON", "Suite", "TargetFactory"]
+
+#: What an estimator may or may not promise; the other contracts hold for all.
+CLAIMS = ("exact", "order", "scale", "frame", "rank")
+COMMON = ("input", "repeat", "batch", "certificate", "throw", "few", "value")
+GAP = 1e-8  # how close to the best objective a success must prove to be
+N_SETS, BAD = 4, 2  # sets in a batch, and the one that is spoilt
+KINDS = ("sandwich", "model", "residual", "posterior")
+
+TargetFactory = Callable[[LegMeasurements], Any]
+
+
+class _Names(Mapping[str, Any]):
+    """What a repr may speak of: the names of the estimator's module, of hexopt, and of NumPy."""
+
+    def __init__(self, module: str) -> None:
+        self.places = [sys.modules[module], sys.modules["hexopt"], np]
+
+    def __getitem__(self, name: str) -> Any:
+        for place in self.places:
+            if hasattr(place, name):
+                return getattr(place, name)
+        raise KeyError(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(())
+
+    def __len__(self) -> int:
+        return 0
+
+
+@dataclass(frozen=True)
+class Suite:
+    """The contracts of one estimator on one kind of target."""
+
+    estimator: Any
+    label: str
+    lock: Lock
+    factory: TargetFactory
+    n_poses: int
+    tolerance: float
+    exactness: float
+    robot: Hexapod
+    seed: int
+
+    def run(self, name: str) -> None:
+        """One contract; whatever goes wrong is its breach."""
+        try:
+            getattr(self, f"_{name}")()
+        except AssertionError as error:
+            raise AssertionError(f"{self.estimator!r} on {self.label} breaks {name!r}: {error}") from None
+        except Exception as error:
+            what = " ".join(f"{type(error).__name__}: {error}".split())
+            raise AssertionError(f"{self.estimator!r} on {self.label} breaks {name!r}: it raised {what}") from error
+
+    # --- data and answers -------------------------------------------------------------------------
+
+    def sets(self, noisy: bool = True) -> LegMeasurements:
+        """A batch of sets of leg 3, with a noise model; its nominal is off where the loop asks nothing of it."""
+        size = self.robot.size / 20
+        length = 1e-3 * size / self.robot.gains[2]
+        noise = NormalNoise(pose_covariance=np.diag([1e-3 * size] * 3 + [1e-5] * 3 + [length]) ** 2)
+        nominal = self.robot.perturbed(0.1 * size, rng=self.seed).leg(3)
+        if self.lock is Lock.LENGTH:  # which takes b as known
+            nominal = nominal.replaced(platform_point=self.robot.leg(3).platform_point)
+        data = simulate_leg(
+            self.robot, 3, self.lock, self.n_poses, N_SETS, noise if noisy else None, nominal=nominal, rng=self.seed
+        )
+        return replace(data, noise=noise)
+
+    def standing(self) -> LegMeasurements:
+        """The batch with one set that stands still: all its poses are the first."""
+        data = self.sets()
+        position, rotation, length = (np.array(part) for part in (data.position, data.rotation, data.length))
+        for part in (position, rotation, length):
+            part[BAD] = part[BAD, :1]
+        return replace(data, position=position, rotation=rotation, length=length)
+
+    def fit(self, data: LegMeasurements) -> Estimate:
+        """The estimate from a set, or from a batch."""
+        result: Estimate = self.estimator.fit(self.factory(data))
+        return result
+
+    def agree(self, found: Estimate, expected: Mapping[str, Array], reference: Estimate, what: str) -> None:
+        """Check that blocks are as expected, to a share of the standard errors of `reference`."""
+        for name, values in expected.items():
+            apart = np.abs(found.params[name] - values).max()
+            error = 1e-3 * self.robot.size / 20
+            if reference.covariance is not None:
+                error = float(np.sqrt(np.diagonal(reference.covariance_of(name), axis1=-2, axis2=-1)).max())
+            allowed = self.tolerance * error + 1e-9 * float(np.abs(values).max())
+            assert apart <= allowed, f"{what} moves {name} by {apart:.1e}, allowed is {allowed:.1e}"
+
+    def moved(self, motion: Motion, what: str) -> None:
+        """Check that the answer moves with the frames and units in which the data are given."""
+        data = self.sets()
+        reference, found = self.fit(data), self.fit(motion.data(data))
+        expected = {name: motion.block(name, values) for name, values in _main(reference).items()}
+        self.agree(found, expected, reference, what)
+
+    # --- contracts that hold for all --------------------------------------------------------------
+
+    def _input(self) -> None:
+        target = self.factory(self.sets())
+        before = {path: (array.copy(), array.flags.writeable) for path, array in _arrays(target)}
+        self.estimator.fit(target)
+        after = dict(_arrays(target))
+        for path, (copy, writeable) in before.items():
+            same = path in after and np.array_equal(copy, after[path], equal_nan=True)
+            assert same, f"it changed the target's {path}"
+            assert writeable == after[path].flags.writeable, f"it changed the flags of the target's {path}"
+
+    def _repeat(self) -> None:
+        target = self.factory(self.sets())
+        one, two = self.estimator.fit(target), self.estimator.fit(target)
+        for name in ("values", "codes", "covariance", "objective"):
+            first, second = getattr(one, name), getattr(two, name)
+            same = first is second is None or (np.asarray(first).tobytes() == np.asarray(second).tobytes())
+            assert same, f"fitted again, its {name} differ"
+
+    def _batch(self) -> None:
+        data = self.sets()
+        together = self.fit(data)
+        size = together.parameters.size
+        for name, shape in (("values", (N_SETS, size)), ("codes", (N_SETS,))):
+            found = np.shape(getattr(together, name))
+            assert found == shape, f"{N_SETS} problems of {size} unknowns gave {name} of shape {found}"
+        for i in range(N_SETS):
+            alone = self.fit(data[i])
+            assert alone.values.shape == (size,), f"one problem gave values of shape {alone.values.shape}"
+            assert int(alone.codes) == int(together.codes[i]), f"member {i} has another status alone"
+            self.agree(together[i], _main(alone), alone, f"the batch around it (member {i})")
+
+    def _certificate(self) -> None:
+        found = self.fit(self.sets())
+        codes = {int(code) for code in np.ravel(found.codes)}
+        assert codes <= {int(status) for status in Status}, f"of its codes {sorted(codes)} one is no Status"
+        assert np.all(found.ok), f"easy problems end with the codes {sorted(codes)}"
+        assert np.isfinite(found.values).all(), "a success has values that are not finite"
+        gap, allowed = np.asarray(found.gap), GAP * (1 + np.abs(found.objective))
+        worst = float(np.nanmax(np.abs(gap) / allowed, initial=0.0))
+        assert worst <= 1, f"a success has a gap of {worst:.1e} times 1e-8·(1 + |objective|)"
+        if found.covariance is None:
+            assert found.covariance_kind, "there is neither a covariance nor a reason for none"
+            return
+        assert found.covariance_kind in KINDS, (
+            f"covariance_kind {found.covariance_kind!r} is none of {', '.join(KINDS)}"
+        )
+        scale = np.sqrt(np.abs(np.diagonal(found.covariance, axis1=-2, axis2=-1)))
+        scaled = found.covariance / scale[..., :, None] / scale[..., None, :]
+        assert np.abs(scaled - np.swapaxes(scaled, -1, -2)).max() < 1e-6, "the covariance is not symmetric"
+        assert np.linalg.eigvalsh(scaled).min() > -1e-6, "the covariance has a negative eigenvalue"
+
+    def _throw(self) -> None:
+        data = self.sets()
+        for throw in (None, True, False):
+            for part in (data, data[0]):
+                found = estimate(self.factory(part), self.estimator, throw)
+                assert np.all(found.ok), f"throw={throw} changes a problem that succeeds"
+        error = _raised(InputError, object(), self.estimator)
+        assert error is not None, "it takes any object: `accepts` is too wide"
+        assert self.estimator.hint, "its hint is empty"
+        assert self.estimator.hint in str(error), "the error for a wrong target lacks the hint"
+
+    def _few(self) -> None:
+        data = self.sets().poses([0])
+        for throw in (None, False):
+            error = _raised(HexoptError, data, self.estimator, throw, self.factory)
+            assert error is not None, f"one pose is too few, and throw={throw} raises nothing"
+            assert "\n" not in str(error), f"the error for a single pose has several lines: {error}"
+
+    def _value(self) -> None:
+        assert pickle.loads(pickle.dumps(self.estimator)) == self.estimator, "it does not equal its pickled copy"
+        text = repr(self.estimator)
+        again = eval(text, {}, _Names(type(self.estimator).__module__))
+        assert again == self.estimator, f"{text} evaluates to something else"
+
+    # --- contracts that an estimator may claim ----------------------------------------------------
+
+    def _exact(self) -> None:
+        found = self.fit(self.sets(noisy=False))
+        assert np.all(found.ok), "exact readings end without success"
+        kappa = np.where(np.isfinite(found.condition), found.condition, 0.0)
+        allowed = np.maximum(100 * np.finfo(float).eps * kappa, self.exactness)
+        truth = self.robot.leg(3)
+        for name, values in _main(found).items():
+            unit = float(truth.gain) if name == "gain" else self.robot.size
+            error = np.abs(values - truth.block(name)).max(axis=-1) / unit
+            assert (error <= allowed).all(), f"without noise {name} is off by {error.max():.1e} of the robot's size"
+
+    def _order(self) -> None:
+        data = self.sets()
+        reference = self.fit(data)
+        for order in (np.arange(self.n_poses)[::-1], np.random.default_rng(self.seed).permutation(self.n_poses)):
+            self.agree(self.fit(data.poses(order)), _main(reference), reference, "another order of the poses")
+
+    def _scale(self) -> None:
+        self.moved(unit_change(self.robot.length_unit), "another length unit")
+        problem = self.factory(self.sets())
+        if not isinstance(problem, LinearProblem):
+            return
+        scale = np.geomspace(1e-4, 1e4, problem.parameters.size)
+        noise = None if problem.noise is None else ScaledNoise(problem.noise, scale)
+        scaled = replace(problem, matrix=problem.matrix * scale, noise=noise)
+        reference, found = self.estimator.fit(problem), self.estimator.fit(scaled)
+        found = replace(found, values=found.values * scale)
+        self.agree(found, _main(reference), reference, "another scale of the columns")
+
+    def _frame(self) -> None:
+        unit, size = self.robot.length_unit, self.robot.size
+        self.moved(base_motion(unit, size), "another base frame")
+        self.moved(platform_motion(unit, size), "another platform frame")
+
+    def _rank(self) -> None:
+        bad = self.standing()
+        found, clean = self.fit(bad), self.fit(self.sets())
+        failed = [i for i in range(N_SETS) if not found.ok[i]]
+        assert failed == [BAD], f"of {N_SETS} sets only number {BAD} stands still, but {failed} fail"
+        assert np.isnan(found.values[BAD]).all(), "a failed member has values that are not NaN"
+        for i in set(range(N_SETS)) - {BAD}:
+            self.agree(found[i], _main(clean[i]), clean[i], f"the failed member beside it (member {i})")
+        single = self.factory(bad[BAD])
+        error = _raised(EstimationError, single, self.estimator)
+        assert error is not None, "a set that stands still raises nothing"
+        assert "\n" not in str(error), "the error has several lines"
+        assert getattr(error, "combinations", None), "the error names no unseen combination"
+        assert not estimate(single, self.estimator, throw=False).ok, "throw=False makes a success of a failure"
+        error = _raised(EstimationError, self.factory(bad), self.estimator, True)
+        assert error is not None, "throw=True lets a batch with a failed member pass"
+
+
+def _main(found: Estimate) -> dict[str, Array]:
+    """The values that are no nuisance, by name."""
+    return {name: found.params[name] for name in found.parameters.main.names}
+
+
+def _raised(
+    kind: type[Exception],
+    target: Any,
+    estimator: Estimator,
+    throw: bool | None = None,
+    factory: Callable[[Any], Any] = lambda target: target,
+) -> Exception | None:
+    """The error of some kind that an estimation (or the making of its target) raises, or None."""
+    try:
+        estimate(factory(target), estimator, throw)
+    except kind as error:
+        return error
+    return None
+
+
+def _arrays(thing: Any, path: str = "", seen: set[int] | None = None) -> Iterator[tuple[str, Array]]:
+    """All arrays behind an object's attributes, dictionaries and sequences, with their paths."""
+    seen = set() if seen is None else seen
+    if isinstance(thing, np.ndarray):
+        yield path, thing
+        return
+    if id(thing) in seen:
+        return
+    seen.add(id(thing))
+    parts: Mapping[Any, Any] = thing if isinstance(thing, Mapping) else getattr(thing, "__dict__", {})
+    if isinstance(thing, (list, tuple)):
+        parts = dict(enumerate(thing))
+    for name, part in list(parts.items()):
+        yield from _arrays(part, f"{path}.{name}".removeprefix("."), seen)
