@@ -27,9 +27,7 @@ def keys(directory: Path) -> tuple[str, str]:
     """Return two hashes: of what the locked packages depend on, and of what the project's build does."""
     packages = digest(LOCK.read_text(), sys.version, sys.base_prefix, directory)
     pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    return packages, digest(
-        packages, pyproject["build-system"], pyproject["project"], pyproject["tool"]["hatch"]
-    )
+    return packages, digest(packages, pyproject["build-system"], pyproject["project"], pyproject["tool"]["hatch"])
 
 
 def read(stamp: Path) -> str | None:

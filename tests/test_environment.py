@@ -28,9 +28,7 @@ HASH = re.compile(r"    --hash=sha256:[0-9a-f]{64}( \\)?")
 def foreign_lines(lock):
     """Return the lines that are no pin, no hash and no plain comment: options, addresses, local paths."""
     plain = re.compile(r"\s*(#(?!.*://).*)?")
-    return [
-        line for line in lock.splitlines() if not any(kind.fullmatch(line) for kind in (PIN, HASH, plain))
-    ]
+    return [line for line in lock.splitlines() if not any(kind.fullmatch(line) for kind in (PIN, HASH, plain))]
 
 
 def pins(lock, python):

@@ -189,7 +189,7 @@ class Suite:
         for throw in (None, False):
             error = _raised(HexoptError, data, self.estimator, throw, self.factory)
             assert error is not None, f"one pose is too few, and throw={throw} raises nothing"
-            assert "\n" not in str(error), f"the error for a single pose has several lines: {error}"
+            assert "\n" not in str(error), f"the error for a single pose has several lines: {str(error)!r}"
 
     def _value(self) -> None:
         assert pickle.loads(pickle.dumps(self.estimator)) == self.estimator, "it does not equal its pickled copy"
