@@ -24,7 +24,9 @@ def frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return view
 
 
-def as_array(name: str, value: npt.ArrayLike, shape: Sequence[int | str | None] = (), *, batch: bool = True) -> Array:
+def as_array(
+    name: str, value: npt.ArrayLike, shape: Sequence[int | str | None] = (), *, batch: bool = True, own: bool = False
+) -> Array:
     """`value` as a read-only float array whose last dimensions are `shape`.
 
     Parameters
@@ -37,6 +39,8 @@ def as_array(name: str, value: npt.ArrayLike, shape: Sequence[int | str | None] 
         Trailing dimensions: an integer must match, a letter or None stands for any size.
     batch : bool, default True
         Whether leading dimensions may stand before `shape`.
+    own : bool, default False
+        Whether the result is kept: an array that its owner could still change is then copied.
 
     Raises
     ------
@@ -71,6 +75,8 @@ def as_array(name: str, value: npt.ArrayLike, shape: Sequence[int | str | None] 
             f"{name}: {len(bad)} value(s) are NaN or infinite, the first at index {where}; "
             "remove or mend these measurements"
         )
+    if own and array.flags.writeable and isinstance(value, np.ndarray) and np.may_share_memory(array, value):
+        array = array.copy()
     return frozen(array)
 
 

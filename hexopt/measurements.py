@@ -37,8 +37,8 @@ class Lock(StrEnum):
 
 
 def _check_poses(position: npt.ArrayLike, rotation: npt.ArrayLike) -> tuple[Array, Array]:
-    p = as_array("position", position, ("n", 3))
-    r = as_array("rotation", rotation, ("n", 3, 3))
+    p = as_array("position", position, ("n", 3), own=True)
+    r = as_array("rotation", rotation, ("n", 3, 3), own=True)
     if r.shape[:-1] != p.shape:
         raise InputError(
             f"position and rotation disagree: {p.shape} needs rotations of shape {(*p.shape, 3)}, got {r.shape}"
@@ -52,7 +52,7 @@ def _check_noise(noise: object) -> None:
 
 
 def _check_unit(unit: str, nominal: Leg | Hexapod | None) -> str:
-    label = check_length_unit("length_unit", unit or (nominal.length_unit if nominal is not None else "cm"))
+    label = check_length_unit("length_unit", unit or (nominal.length_unit if nominal is not None else "unstated"))
     if nominal is not None and nominal.length_unit != label:
         raise UnitError(f"the measurements are in {label}, the nominal geometry in {nominal.length_unit}")
     return label
@@ -103,7 +103,7 @@ class LegMeasurements(_Poses):
     nominal : Leg, optional
         The numbered leg that lends offset, gain and a start to nonlinear methods.
     length_unit : str, optional
-        By default the nominal's, else "cm".
+        By default the nominal's, else "unstated".
 
     Raises
     ------
@@ -133,7 +133,7 @@ class LegMeasurements(_Poses):
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "rotation", rotation)
         if self.length is not None:
-            length = as_array("length", self.length, ("n",))
+            length = as_array("length", self.length, ("n",), own=True)
             if length.shape != position.shape[:-1]:
                 raise InputError(
                     f"position and length disagree: {position.shape[:-1]} poses, readings of shape {length.shape}"
@@ -215,7 +215,7 @@ class Measurements(_Poses):
         position, rotation = _check_poses(self.position, self.rotation)
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "rotation", rotation)
-        length = as_array("length", self.length, ("n", 6))
+        length = as_array("length", self.length, ("n", 6), own=True)
         if length.shape[:-1] != position.shape[:-1]:
             raise InputError(
                 f"position and length disagree: {position.shape[:-1]} poses, readings of shape {length.shape}"

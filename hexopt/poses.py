@@ -79,7 +79,7 @@ class _Sampler:
         direction, length = held
         half = np.asarray(self.ranges.angles)
         angles = half * self.rng.uniform(-1.0, 1.0, (*shape, 3))
-        rotation = self.robot.home_rotation @ euler_to_matrix(angles, self.ranges.sequence)
+        rotation = _nearest_rotation(self.robot.home_rotation) @ euler_to_matrix(angles, self.ranges.sequence)
         if direction is None:
             direction = self.directions(shape, self.ranges.cone)
         if length is None:
@@ -88,6 +88,12 @@ class _Sampler:
         leg = self.robot.leg(self.leg)
         position = leg.base_point + length[..., None] * direction - matvec(rotation, leg.platform_point)
         return position, rotation, length
+
+
+def _nearest_rotation(matrix: Array) -> Array:
+    """The rotation nearest to a matrix that is one to a few digits only, as a rounded file gives it."""
+    left, _, right = np.linalg.svd(matrix)
+    return left @ right
 
 
 def _frame(axis: Array) -> Array:
@@ -169,11 +175,11 @@ class _Rejection:
         self.drawn = self.accepted = 0
 
     def run(self) -> tuple[Array, Array, Array]:
-        for turn in range(MAX_ROUNDS):
+        for turn in range(MAX_ROUNDS + 1):
             todo = np.flatnonzero(self.filled < self.n_poses)
             if not todo.size:
                 return self.position, self.rotation, self.length
-            if self._hopeless(todo):
+            if turn == MAX_ROUNDS or self._hopeless(todo):
                 break
             if self.sampler.lock is not Lock.NONE and turn % PATIENCE == PATIENCE - 1:
                 self.filled[todo] = 0

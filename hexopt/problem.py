@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from .arrays import Array, as_array, matvec, transpose
+from .arrays import Array, as_array, frozen, matvec, transpose
 from .errors import InputError
 from .numerics.forms import Centred, Direct, Form
 from .numerics.lstsq import solve_svd
@@ -109,6 +109,8 @@ class LinearProblem:
         How many poses the loop equation needs, for error messages.
     name : str
         What made the problem, for error messages.
+    uncarried : str
+        Why a covariance would leave out an error that is known to be there; estimates then have none.
 
     Raises
     ------
@@ -138,10 +140,11 @@ class LinearProblem:
     cancellation: Array = None  # type: ignore[assignment]  # made an array below
     minimum_poses: int | None = None
     name: str = "the problem"
+    uncarried: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "matrix", as_array("matrix", self.matrix, ("m", self.parameters.size)))
-        object.__setattr__(self, "rhs", as_array("rhs", self.rhs, ("m",)))
+        object.__setattr__(self, "matrix", as_array("matrix", self.matrix, ("m", self.parameters.size), own=True))
+        object.__setattr__(self, "rhs", as_array("rhs", self.rhs, ("m",), own=True))
         if self.rhs.shape != self.matrix.shape[:-1]:
             raise InputError(f"matrix {self.matrix.shape} and rhs {self.rhs.shape} disagree")
         if self.matrix.shape[-2] == 0:
@@ -149,7 +152,9 @@ class LinearProblem:
         if self.matrix.shape[-2] % self.rows_per_block:
             raise InputError(f"{self.matrix.shape[-2]} rows are no multiple of rows_per_block={self.rows_per_block}")
         if self.at is not None:
-            object.__setattr__(self, "at", as_array("at", self.at, ("p",)))
+            # NaN is allowed: the members of a batch that failed before fail again, alone
+            filled = as_array("at", np.nan_to_num(self.at), ("p",))
+            object.__setattr__(self, "at", frozen(np.where(np.isnan(self.at), np.nan, filled)))
         size = self.parameters.size
         lost = np.ones(size) if self.cancellation is None else as_array("cancellation", self.cancellation, (size,))
         object.__setattr__(self, "cancellation", lost)

@@ -54,7 +54,8 @@ class Estimate:
     gap : ndarray, shape (...)
         Objective minus a lower bound computed from `values`; NaN without a certificate.
     condition : ndarray, shape (...)
-        Condition number of the (column-scaled) matrix; NaN if not computed.
+        Condition number of the column-scaled matrix, within a factor √p, times what the form's differences
+        cancelled; NaN if not computed.
     degrees_of_freedom : int
     chi2 : ndarray, shape (...), or None
         Weighted sum of squared residuals; None for unweighted estimates.
@@ -151,6 +152,7 @@ class Estimate:
         iterations = self.iterations if self.iterations.ndim == 0 else self.iterations[index]
         return replace(
             self,
+            unseen=self.unseen if np.any(self.codes[index] == Status.RANK_DEFICIENT) else (),
             **{name: pick(getattr(self, name)) for name in names},
             iterations=iterations,
             duals={name: value[index] for name, value in self.duals.items()},
@@ -179,6 +181,7 @@ class Estimate:
         if self.batch_shape:
             return self._batch_summary()
         lines = [f"{self.estimator}: {Status(int(self.codes)).name}"]
+        lines += [f"  unseen: {combination}" for combination in self.unseen]
         errors = None if self.covariance is None else self.standard_errors
         position = 0
         for block in self.parameters:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .arrays import Array, BoolArray, as_generator
+from .arrays import Array, BoolArray, as_generator, frozen
 from .errors import InputError
 from .geometry import Hexapod, Leg, PoseRanges
 from .geometry.leg import check_leg_number
@@ -109,7 +109,15 @@ def simulate_leg(
         nominal = nominal.leg(leg)
     if isinstance(nominal, Leg) and nominal.number != true_leg.number:
         raise InputError(f"nominal: is leg {nominal.number}, but leg {true_leg.number} is simulated")
-    data = LegMeasurements(position, rotation, reading, Lock.of(lock), noise, nominal or true_leg, robot.length_unit)
+    data = LegMeasurements(
+        frozen(position),
+        frozen(rotation),
+        frozen(reading),
+        Lock.of(lock),
+        noise,
+        nominal or true_leg,
+        robot.length_unit,
+    )
     return data[0] if n_sets is None else data
 
 
@@ -156,7 +164,7 @@ def simulate(
     n_built = _check_count("n_sets", 1 if n_sets is None else n_sets)
     shape = (n_built, _check_count("n_poses", n_poses))
     locked = None if kind is Lock.NONE and leg is None else check_leg_number(leg)
-    # an unlocked pose is built from any one leg, a new one for each set
+    # unlocked poses are built from one leg, drawn once a call; that all legs reach them is checked afterwards
     built_from = locked if locked is not None else int(generator.integers(1, 7))
     position, rotation, _ = sample_poses(
         robot, built_from, kind, shape, ranges or limit_ranges(robot), generator, all_legs=True, accept=accept
@@ -164,5 +172,7 @@ def simulate(
     length = inverse_kinematics(robot, position, rotation)
     if noise is not None:
         position, rotation, length = noise.apply(position, rotation, length, generator)
-    data = Measurements(position, rotation, length, kind, locked, noise, nominal or robot, robot.length_unit)
+    data = Measurements(
+        frozen(position), frozen(rotation), frozen(length), kind, locked, noise, nominal or robot, robot.length_unit
+    )
     return data[0] if n_sets is None else data

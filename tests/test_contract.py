@@ -42,6 +42,13 @@ def test_inverse_kinematics_by_default():
     check_estimator(hx.InverseKinematics(), n_poses=14)
 
 
+def test_inverse_kinematics_with_a_start_of_its_own():
+    """It stays where it is when frames and units move, and claims no more."""
+    leg = hx.robots.left_hand().leg(3)
+    start = leg.replaced(base_point=leg.base_point + 0.1)
+    check_estimator(hx.InverseKinematics(start=start), n_poses=14, claims=("exact", "order", "rank"))
+
+
 @pytest.mark.parametrize("estimator", [*LEAST_SQUARES[:4], hx.ConvexEstimator()], ids=repr)
 @pytest.mark.parametrize(("lock", "form", "kind"), FORMS)
 def test_other_forms(estimator, lock, form, kind):

@@ -153,18 +153,17 @@ def _leg_calibration(
     nominal = data[0].nominal
     if nominal is None:
         raise InputError("which leg was measured? give the measurements nominal=robot.leg(k)")
-    good = np.all([found.ok for found in steps.values()], axis=0)
-    # a failed member of a batch keeps its NaN in `steps`, and the nominal here: a Leg holds finite numbers
-    blocks = {name: np.where(good[..., None], value, nominal.block(name)) for name, value in values.items()}
-    leg = nominal.replaced(**{name: v if LEG_BLOCKS[name] > 1 else v[..., 0] for name, v in blocks.items()})
-    squares = [
-        (
-            norm(leg_vector(leg.platform_point, leg.base_point, part.position, part.rotation))
-            - leg.true_length(part.length)
-        )
-        ** 2
-        for part in data
-        if part.length is not None
-    ]
+    ok = np.all([found.ok for found in steps.values()], axis=0)
+    blocks = {name: np.where(ok[..., None], value, np.nan) for name, value in values.items()}
+    full = {name: blocks.get(name, nominal.block(name)) for name in LEG_BLOCKS}
+    squares = [_residual(full, part) ** 2 for part in data if part.length is not None]
     rms = np.sqrt(np.concatenate(squares, axis=-1).mean(axis=-1)) if squares else None
-    return LegCalibration(leg, tuple(values), covariance, kind, dict(steps), rms, sum(part.n_poses for part in data))
+    n_poses = sum(part.n_poses for part in data)
+    return LegCalibration(nominal, blocks, ok, covariance, kind, dict(steps), rms, n_poses)
+
+
+def _residual(blocks: Mapping[str, Array], data: LegMeasurements) -> Array:
+    """Length by geometry minus length by reading, over poses, (..., n)."""
+    vectors = leg_vector(blocks["platform_point"], blocks["base_point"], data.position, data.rotation)
+    residual: Array = norm(vectors) - blocks["gain"] * data.readings() - blocks["offset"]
+    return residual

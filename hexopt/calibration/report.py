@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import Array
+from ..errors import EstimationError
 from ..geometry import Hexapod, Leg
+from ..geometry.leg import LEG_BLOCKS
 from ..result import Estimate
 
 if TYPE_CHECKING:
@@ -24,10 +26,12 @@ class LegCalibration:
 
     Attributes
     ----------
-    leg : Leg
-        Calibrated; what was not estimated is the nominal's.
-    names : tuple of str
-        The estimated blocks, in the order of `covariance`.
+    nominal : Leg
+        It lends what was not estimated.
+    values : dict of str to ndarray
+        The estimated blocks by name, (..., 3) or (..., 1), in the order of `covariance`; NaN where not `ok`.
+    ok : bool, or ndarray of bool, shape (...)
+        Whether every step succeeded.
     covariance : ndarray, shape (..., p, p), or None
     covariance_kind : str
         Its kind, or why there is none.
@@ -38,13 +42,29 @@ class LegCalibration:
     n_poses : int
     """
 
-    leg: Leg
-    names: tuple[str, ...]
+    nominal: Leg
+    values: Mapping[str, Array]
+    ok: Any
     covariance: Array | None
     covariance_kind: str
     steps: Mapping[str, Estimate]
     residual_rms: Array | None
     n_poses: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The estimated blocks, in the order of `covariance`."""
+        return tuple(self.values)
+
+    @property
+    def leg(self) -> Leg:
+        """The calibrated leg; where some member of a batch failed there is none, and `values` says which."""
+        if not np.all(self.ok):
+            raise EstimationError(
+                f"leg {self.nominal.number}: {int(np.sum(~np.asarray(self.ok)))} of {np.size(self.ok)} calibrations "
+                "failed and have no leg; read .values where .ok"
+            )
+        return self.nominal.replaced(**{name: _entry(name, value) for name, value in self.values.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,3 +143,8 @@ class Calibration:
         if missing:
             lines.append(f"  not measured, nominal kept: leg {', '.join(missing)}")
         return "\n".join(lines)
+
+
+def _entry(name: str, value: Array) -> Array:
+    """A block as a field of :class:`Leg`: scalars lose their last dimension."""
+    return value if LEG_BLOCKS[name] > 1 else value[..., 0]

@@ -19,6 +19,8 @@ __all__ = ["LeastSquares", "check_rows", "degrees_of_freedom", "linear_uncertain
 
 #: Where the square of the condition number κ exceeds this many κ, normal equations may lose more than 100·eps·κ.
 NORMAL_EQUATIONS_LIMIT = 100.0
+#: A relative error that the normal equations may have and still be a success; beyond it they are INACCURATE.
+NORMAL_EQUATIONS_LOSS = 1e-8
 _SOLVERS = {"auto": solve, "svd": solve_svd, "normal": solve_normal_equations}
 
 
@@ -31,12 +33,13 @@ class LeastSquares:
     method : {"auto", "svd", "normal"}, default "auto"
         "svd": singular values of the column-scaled matrix. "auto": the same accuracy, by the refined Gram
         matrix where the condition number is below 1000. "normal": :math:`(A^TA)^{-1}A^Ty` as the paper
-        writes it, which squares the condition number and warns where that costs digits.
+        writes it, which squares the condition number: it warns where that costs digits, and is INACCURATE where
+        it may cost more than half of them.
     weights : None or "model", default None
         None: raw rows, as in the paper. "model": rows whitened by the noise model (generalised least
         squares), whose covariance is evaluated at the unweighted solution or at ``linear(at=…)``.
     covariance : bool, default True
-        Whether to compute the covariance and the influence; sweeps that need neither save half the time.
+        Whether to compute the covariance and the influence; sweeps that need neither save most of the time.
 
     Notes
     -----
@@ -78,8 +81,10 @@ class LeastSquares:
         solver = _SOLVERS[self.method]
         root = target.whitening() if self.weights == "model" else None
         solution = solver(*target.whitened_by(root), target.worst_cancellation, inverse=self.covariance)
+        codes = status_of(solution.full_rank)
         if self.method == "normal":
-            _warn_of_lost_digits(solution.condition, target.worst_cancellation)
+            lost = _lost_digits(solution.condition, target.worst_cancellation)
+            codes[(codes == Status.OPTIMAL) & (lost > NORMAL_EQUATIONS_LOSS)] = Status.INACCURATE
         if self.covariance:
             uncertainty = linear_uncertainty(target, solution, root, solution.values)
         else:
@@ -91,7 +96,7 @@ class LeastSquares:
         return Estimate(
             values=solution.values,
             parameters=target.parameters,
-            codes=status_of(solution.full_rank),
+            codes=codes,
             objective=solution.objective,
             gap=solution.gap,
             condition=solution.condition,
@@ -160,8 +165,10 @@ def linear_uncertainty(
     gain = solution.inverse if root is None else root.after(solution.inverse)
     influence = problem.direct_gain(gain)
     result: dict[str, Any] = {"influence": influence, "degrees_of_freedom": freedom}
-    square = solution.inverse @ np.swapaxes(solution.inverse, -1, -2)
+    if problem.uncarried:
+        return result | {"covariance": None, "covariance_kind": problem.uncarried}
     if root is not None:
+        square = solution.inverse @ np.swapaxes(solution.inverse, -1, -2)
         return result | {"covariance": square, "covariance_kind": "model"}
     if problem.noise is not None:
         covariance = problem.noise.covariance(values).propagated(influence)
@@ -169,12 +176,31 @@ def linear_uncertainty(
     if freedom == 0:
         reason = "no noise model, and no residual is left to estimate one (as many rows as unknowns)"
         return result | {"covariance": None, "covariance_kind": reason}
-    variance = 2 * solution.objective / freedom
-    return result | {"covariance": variance[..., None, None] * square, "covariance_kind": "residual"}
+    variance = 2 * solution.objective / _residual_weight(problem, influence)
+    flat = influence.reshape(*influence.shape[:-2], influence.shape[-2] * influence.shape[-1])
+    covariance = variance[..., None, None] * (flat @ np.swapaxes(flat, -1, -2))
+    return result | {"covariance": covariance, "covariance_kind": "residual"}
 
 
-def _warn_of_lost_digits(condition: Array, cancellation: Array) -> None:
-    """Warn where eps·(κ/c)², what squaring costs, exceeds 100·eps·κ; c is the cancellation that κ contains."""
+def _residual_weight(problem: LinearProblem, influence: Array) -> Array:
+    r"""The sum of squared residuals that direct rows of unit variance leave, :math:`\mathrm{tr}((I - AA^+) D D^T)`.
+
+    For direct rows it is the degrees of freedom.
+    """
+    k, d, p = problem.matrix.shape[-2] // problem.rows_per_block, problem.rows_per_block, problem.matrix.shape[-1]
+    rows = problem.matrix.reshape(*problem.batch_shape, k, d, p)
+    n = influence.shape[-2]
+    multiplier = problem.form.apply(np.eye(n)[:, None, :])  # (..., k, 1, n)
+    total = d * np.einsum("...kin,...kin->...", multiplier, multiplier)
+    weight: Array = total - np.einsum("...pnd,...ndp->...", influence, problem.form.adjoint(rows))
+    return weight
+
+
+def _lost_digits(condition: Array, cancellation: Array) -> Array:
+    """What squaring costs each problem, eps·(κ/c)² relative; c is the cancellation that κ contains.
+
+    Warns where that exceeds 100·eps·κ, what the other methods promise.
+    """
     squared = np.asarray(condition / cancellation) ** 2
     bad = squared > NORMAL_EQUATIONS_LIMIT * np.asarray(condition)
     if bad.any():
@@ -186,3 +212,4 @@ def _warn_of_lost_digits(condition: Array, cancellation: Array) -> None:
             NumericalWarning,
             stacklevel=4,
         )
+    return EPS * squared

@@ -45,7 +45,7 @@ class Leg:
     Raises
     ------
     InputError
-        For wrong shapes, values that are not finite, a leg number outside 1…6, or a gain ≤ 0.
+        For wrong shapes, values that are not finite, a leg number outside 1…6, or a gain of 0.
 
     References
     ----------
@@ -68,11 +68,21 @@ class Leg:
     def __post_init__(self) -> None:
         object.__setattr__(self, "number", check_leg_number(self.number))
         for name, size in LEG_BLOCKS.items():
-            value = as_array(name, getattr(self, name), (size,) if size > 1 else ())
+            value = as_array(name, getattr(self, name), (size,) if size > 1 else (), own=True)
             object.__setattr__(self, name, value)
-        if (self.gain <= 0).any():
-            raise InputError(f"gain: expected values > 0, got {self.gain.min():g}")
+        if (self.gain == 0).any():
+            raise InputError("gain: expected values other than 0 (negative where a reading falls as the leg grows)")
         object.__setattr__(self, "length_unit", check_length_unit("length_unit", self.length_unit))
+
+    def _key(self) -> tuple[object, ...]:
+        blocks = (getattr(self, name) for name in LEG_BLOCKS)
+        return (self.number, self.length_unit, *((block.shape, (block + 0.0).tobytes()) for block in blocks))
+
+    def __eq__(self, other: object) -> bool:
+        return self._key() == other._key() if isinstance(other, Leg) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key())
 
     def block(self, name: str) -> Array:
         """The values of one named parameter block, always with a last dimension: (..., 3) or (..., 1)."""

@@ -79,12 +79,12 @@ class Hexapod:
             ("offsets", (6,)),
             ("gains", (6,)),
         ):
-            value = as_array(name, getattr(self, name), ("6", *shape[1:]), batch=False)
+            value = as_array(name, getattr(self, name), ("6", *shape[1:]), batch=False, own=True)
             if value.shape[0] != 6:
                 raise InputError(f"{name}: a hexapod has 6 legs, got {value.shape[0]}")
             object.__setattr__(self, name, value)
-        if (self.gains <= 0).any():
-            raise InputError(f"gains: expected values > 0, got {self.gains.min():g}")
+        if (self.gains == 0).any():
+            raise InputError("gains: expected values other than 0 (negative where a reading falls as the leg grows)")
         object.__setattr__(self, "length_unit", check_length_unit("length_unit", self.length_unit))
         if not isinstance(self.reading_unit, str):
             raise InputError(f"reading_unit: expected a text, got {self.reading_unit!r}")

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import Array, matvec
+from ..arrays import Array, frozen, matvec
 from ..errors import InputError, LockError, UnitError
 from ..geometry import Leg
 from ..geometry.leg import LEG_BLOCKS
@@ -23,7 +23,7 @@ from ..numerics.forms import Centred, Consecutive, Direct, Form
 from ..parameters import Block, Parameters
 from ..problem import ConstantRowNoise, LinearProblem, RowCovariance
 from ..result import Estimate
-from .known import Known, chosen_unknown, known_values, square_root
+from .known import Known, KnownValues, check_estimate_unit, chosen_unknown, known_values, square_root
 
 __all__ = ["Loop"]
 
@@ -89,7 +89,10 @@ class Loop(ABC):
         self.data = data
         self.unknown = chosen_unknown(name, self.involved, self.default_unknown if unknown is None else unknown, given)
         known = [block for block in self.involved if block not in self.unknown]
-        self._known, self._known_roots = known_values(name, known, given, data.nominal)
+        found = known_values(name, known, given, data)
+        self._known, self._known_roots = found.values, found.roots
+        #: Why a covariance of the unknown would leave out the error of a known estimate; empty where it does not.
+        self._uncarried = _why_uncarried(found, data)
         #: Sets of which a known value is an estimate that failed.
         self._failed = np.array(False)
         for block, value in self._known.items():
@@ -148,6 +151,8 @@ class Loop(ABC):
             parts = {name: x.block(name) for name in self.unknown}
         elif isinstance(x, Estimate):
             parts = {name: value for name, value in x.params.items() if name in self.parameters}
+            for name in parts:
+                check_estimate_unit(x, name, self.data.length_unit)
         else:
             main = self.parameters.main
             vector = np.asarray(x, dtype=float)
@@ -274,8 +279,8 @@ class Loop(ABC):
         batch = np.broadcast_shapes(matrix.shape[:-3], rhs.shape[:-2])
         rows = rhs.shape[-2] * rhs.shape[-1]
         return LinearProblem(
-            np.broadcast_to(matrix, (*batch, *matrix.shape[-3:])).reshape(*batch, rows, parameters.size),
-            np.broadcast_to(rhs, (*batch, *rhs.shape[-2:])).reshape(*batch, rows),
+            frozen(np.broadcast_to(matrix, (*batch, *matrix.shape[-3:])).reshape(*batch, rows, parameters.size)),
+            frozen(np.broadcast_to(rhs, (*batch, *rhs.shape[-2:])).reshape(*batch, rows)),
             parameters,
             rows_per_block=self.rows,
             form=multiplier,
@@ -284,12 +289,15 @@ class Loop(ABC):
             cancellation=lost,
             minimum_poses=self.minimum_poses,
             name=name,
+            uncarried=self._uncarried,
         )
 
     def linearised(self, x: npt.ArrayLike | Leg | Estimate) -> LinearProblem:
         """The direct rows to first order about x, in the unknown *change* of x; any unknowns are allowed."""
         values = self.values(x)
         residual, jacobian = self.residual(values), self.jacobian(values)
+        residual = np.where(self._failed[..., None, None], 0.0, residual)
+        jacobian = np.where(self._failed[..., None, None, None], 0.0, jacobian)
         batch = np.broadcast_shapes(residual.shape[:-2], jacobian.shape[:-3])
         rows = residual.shape[-2] * residual.shape[-1]
         return LinearProblem(
@@ -300,6 +308,7 @@ class Loop(ABC):
             noise=None if self.data.noise is None else ConstantRowNoise(self.covariance(values)),
             minimum_poses=self.minimum_poses,
             name=type(self).__name__,
+            uncarried=self._uncarried,
         )
 
     def _consecutive(self) -> Consecutive:
@@ -327,3 +336,11 @@ def _cancellation(form: Form, direct: Array, formed: Array) -> Array:
     ratio = np.divide(before, after, out=np.ones(after.shape), where=after > 0)  # no column at all is seen as such
     factor: Array = np.sqrt(np.maximum(ratio, 1.0))
     return factor
+
+
+def _why_uncarried(known: KnownValues, data: LegMeasurements) -> str:
+    lost = known.uncarried or (tuple(known.roots) if data.noise is None else ())
+    if not lost:
+        return ""
+    cause = "it has no covariance" if known.uncarried else "the measurements have no noise model"
+    return f"the error of the estimated {' and '.join(lost)} cannot be carried: {cause}"

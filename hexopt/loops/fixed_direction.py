@@ -66,8 +66,8 @@ class FixedDirection(Loop):
 
     @property
     def minimum_poses(self) -> int:
-        """3 for b and a (eq. 6: 3(N − 1) ≥ 6)."""
-        return 3 if "platform_point" in self.unknown else 2
+        """3 for b and a (eq. 6: 3(N − 1) ≥ 6); 2 for one of them."""
+        return 3 if {"platform_point", "base_point"} <= set(self.unknown) else 2
 
     def _misclosure(self, blocks: Mapping[str, Array]) -> Array:
         along = self._true_length(blocks)[..., None] * blocks["direction"][..., None, :]

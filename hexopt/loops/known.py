@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import Array, as_array
-from ..errors import InputError
-from ..geometry import Leg
+from ..errors import InputError, UnitError
+from ..geometry import LENGTH_UNITS
 from ..geometry.leg import LEG_BLOCKS
+from ..measurements import LegMeasurements
 from ..result import Estimate
 
-__all__ = ["Known", "chosen_unknown", "known_values", "square_root"]
+__all__ = ["Known", "KnownValues", "check_estimate_unit", "chosen_unknown", "known_values", "square_root"]
 
 #: A known value: an array, or an estimate that brings its covariance along.
 Known = npt.ArrayLike | Estimate
@@ -36,17 +38,36 @@ def chosen_unknown(
     return tuple(name for name in LEG_BLOCKS if name in names)
 
 
-def known_values(
-    loop: str, names: Sequence[str], given: Mapping[str, Any], nominal: Leg | None
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Values of the known blocks (..., size), and roots of the covariance of those that have one."""
-    values, roots = {}, {}
+@dataclass(frozen=True)
+class KnownValues:
+    """The known blocks of a loop.
+
+    Attributes
+    ----------
+    values : dict of str to ndarray, shape (..., size)
+    roots : dict of str to ndarray
+        Factors of the covariance of those that are estimates with one.
+    uncarried : tuple of str
+        Those that are estimates without one: their error is real, and lost.
+    """
+
+    values: dict[str, Array]
+    roots: dict[str, Array]
+    uncarried: tuple[str, ...]
+
+
+def known_values(loop: str, names: Sequence[str], given: Mapping[str, Any], data: LegMeasurements) -> KnownValues:
+    """The known blocks of a loop, from arguments or else from the nominal of the data."""
+    values, roots, uncarried, nominal = {}, {}, [], data.nominal
     for name in names:
         value = given[name]
         if isinstance(value, Estimate):
+            check_estimate_unit(value, name, data.length_unit)
             values[name] = value.params[name]
             if value.covariance is not None:
                 roots[name] = square_root(value.covariance_of(name))
+            else:
+                uncarried.append(name)
         elif value is not None:
             size = LEG_BLOCKS[name]
             array = as_array(name, value, (size,) if size > 1 else ())
@@ -55,7 +76,14 @@ def known_values(
             values[name] = nominal.block(name)
         else:
             raise InputError(f"{name}: {loop} needs it; give {name}=…, or measurements with nominal=robot.leg(k)")
-    return values, roots
+    return KnownValues(values, roots, tuple(uncarried))
+
+
+def check_estimate_unit(found: Estimate, name: str, unit: str) -> None:
+    """An estimated length must be in the unit of the measurements."""
+    for block in found.parameters:
+        if block.name == name and block.unit in LENGTH_UNITS and block.unit != unit:
+            raise UnitError(f"{name}: the measurements are in {unit}, the estimate in {block.unit}")
 
 
 def square_root(covariance: Array) -> Array:

@@ -171,7 +171,7 @@ class TestBatches:
 
     @pytest.mark.parametrize("name", METHODS)
     @pytest.mark.parametrize("weights", [None, "model"])
-    def test_a_failed_set_keeps_the_nominal_and_says_so(self, left_hand, name, weights):
+    def test_a_failed_set_has_no_leg_and_no_values(self, left_hand, name, weights):
         method, locks = METHODS[name]
         nominal = left_hand.perturbed(0.5, rng=0)
         sets = {
@@ -185,9 +185,14 @@ class TestBatches:
             result = method.calibrate_leg(spoilt, estimator)
             ok = np.all([step.ok for step in result.steps.values()], axis=0)
             np.testing.assert_array_equal(ok, [True, True, False, True, True])
-            np.testing.assert_array_equal(result.leg.base_point[2], nominal.base_points[2])
+            np.testing.assert_array_equal(result.ok, ok)
+            assert np.isnan(result.values["base_point"][2]).all()
+            assert np.isnan(result.residual_rms[2])
+            assert np.isfinite(result.residual_rms[ok]).all()
+            with pytest.raises(hx.errors.EstimationError, match="leg 3: 1 of 5 calibrations failed"):
+                _ = result.leg
             assert np.isnan(result.covariance[2]).any()
-            np.testing.assert_allclose(result.leg.base_point[ok], clean.leg.base_point[ok], atol=1e-9)
+            np.testing.assert_allclose(result.values["base_point"][ok], clean.leg.base_point[ok], atol=1e-9)
             np.testing.assert_allclose(result.covariance[ok], clean.covariance[ok], rtol=1e-7, atol=1e-13)
 
 

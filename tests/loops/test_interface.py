@@ -139,6 +139,7 @@ def test_readings_are_not_asked_for_where_they_are_not(kind):
 MINIMA = [
     (FixedDirection, ("platform_point", "base_point")),
     (FixedDirection, ("base_point",)),
+    (FixedDirection, ("platform_point",)),
     (FixedLeg, ("platform_point",)),
     (FixedLength, ("base_point",)),
     (LegLength, ("offset",)),
