@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+from threadpoolctl import threadpool_limits
 
 import hexopt as hx
 from hexopt.robots import BUILT_IN
@@ -18,6 +19,13 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 #: The errors of the paper: 0.01 cm, 0.01 degree.
 PAPER_NOISE = {"position": 0.01, "angle": np.deg2rad(0.01), "length": 0.01}
+
+
+def pytest_configure():
+    """Pin BLAS to one thread: more of them make small problems up to forty times slower when the machine is busy."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # for libraries that are loaded later
+    threadpool_limits(1)
 
 
 @pytest.fixture

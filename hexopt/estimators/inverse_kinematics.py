@@ -11,6 +11,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..geometry import Leg
 from ..loops import LegLength
+from ..measurements import Lock
 from ..numerics.lm import levenberg_marquardt
 from ..numerics.lstsq import solve_svd
 from ..problem import Whitening
@@ -108,7 +109,8 @@ class InverseKinematics:
         matrix, rhs = problem.whitened_by(root)
         local = solve_svd(matrix, rhs)
         codes = np.where(converged, Status.OPTIMAL, Status.NOT_CONVERGED)
-        codes = np.where(local.full_rank, codes, Status.RANK_DEFICIENT).astype(np.int8)
+        seen = local.full_rank & (not _is_blind(loop))
+        codes = np.where(seen, codes, Status.RANK_DEFICIENT).astype(np.int8)
         objective = 0.5 * np.einsum("...m,...m->...", rhs, rhs)
         return Estimate(
             values=np.where((codes == Status.OPTIMAL)[..., None], values, np.nan),
@@ -120,6 +122,15 @@ class InverseKinematics:
             chi2=None if root is None else 2 * objective,
             iterations=iterations,
             estimator=f"{problem.name} by {self!r}",
-            unseen=unseen_combinations(problem, local),
+            unseen=unseen_combinations(problem, local) or (_BLIND if _is_blind(loop) else ()),
             **linear_uncertainty(problem, local, root, values),
         )
+
+
+#: What a locked direction hides; noise in the measurements makes the matrix look as if it did not.
+_BLIND = ("base_point across the leg's locked direction",)
+
+
+def _is_blind(loop: LegLength) -> bool:
+    """Whether the leg's own lock keeps its direction, so that its lengths say nothing of a across it."""
+    return "base_point" in loop.unknown and loop.data.lock in (Lock.DIRECTION, Lock.LEG)
