@@ -184,6 +184,16 @@ class TestNoiseGoesWithItsPoses:
         assert leg_set(noise=noise)[0].noise is noise
 
 
+def test_what_was_measured_does_not_change_with_the_callers_arrays():
+    values = parts()
+    before = {name: array.copy() for name, array in values.items()}
+    data = leg_set(**values)
+    for array in values.values():
+        array[...] = 0.0
+    for name, array in before.items():
+        np.testing.assert_array_equal(getattr(data, name), array)
+
+
 def test_arrays_are_read_only_and_the_input_is_not():
     values = parts()
     data = leg_set(**values)

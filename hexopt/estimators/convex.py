@@ -99,7 +99,7 @@ class ConvexEstimator:
         proven = gap <= np.minimum(GAP * (unit + objective), DEVIATION**2 / 2 * np.maximum(unit, objective))
         codes[(codes == Status.OPTIMAL) & ~proven] = Status.INACCURATE
         return Estimate(
-            values=values,
+            values=np.where((codes == Status.OPTIMAL)[..., None], values, np.nan),
             parameters=target.parameters,
             codes=codes,
             objective=objective,

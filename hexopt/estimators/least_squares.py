@@ -94,7 +94,7 @@ class LeastSquares:
                 "degrees_of_freedom": degrees_of_freedom(target),
             }
         return Estimate(
-            values=solution.values,
+            values=np.where((codes == Status.OPTIMAL)[..., None], solution.values, np.nan),
             parameters=target.parameters,
             codes=codes,
             objective=solution.objective,
@@ -197,9 +197,9 @@ def _residual_weight(problem: LinearProblem, influence: Array) -> Array:
 
 
 def _lost_digits(condition: Array, cancellation: Array) -> Array:
-    """What squaring costs each problem, eps·(κ/c)² relative; c is the cancellation that κ contains.
+    """What squaring costs each problem beyond the 100·eps·κ that the other methods promise, relative; it warns of that.
 
-    Warns where that exceeds 100·eps·κ, what the other methods promise.
+    The cost is eps·(κ/c)², where c is the cancellation that κ contains.
     """
     squared = np.asarray(condition / cancellation) ** 2
     bad = squared > NORMAL_EQUATIONS_LIMIT * np.asarray(condition)
@@ -212,4 +212,4 @@ def _lost_digits(condition: Array, cancellation: Array) -> Array:
             NumericalWarning,
             stacklevel=4,
         )
-    return EPS * squared
+    return np.where(bad, EPS * squared, 0.0)

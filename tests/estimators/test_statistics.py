@@ -4,6 +4,8 @@ Standardised errors z = C^(−1/2)(x̂ − x), one a simulated set, must have th
 five Monte-Carlo errors, and the share of |error| ≤ 1.96 σ̂ must be 95 ± 1 %.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -143,6 +145,19 @@ class TestWithoutANoiseModel:
             assert stats.kstest(column, stats.t(4).cdf).pvalue > 1e-3
         inside = (np.abs(t) < stats.t(4).ppf(0.975)).mean(axis=0)
         assert np.abs(inside - 0.95).max() < 0.01
+
+    @pytest.mark.parametrize(("name", "form"), CASES)
+    def test_every_form_of_independent_direct_rows(self, name, form):
+        """Errors of position alone make the direct rows independent; differences of them stay honest all the same."""
+        loop = loop_of(name, hx.NormalNoise(1e-3), n_sets=8000)
+        silent = replace(loop.data, noise=None)
+        known = {"unknown": ("offset", "gain")} if name == "LegLength" else {}
+        found = hx.estimate(type(loop)(silent, **known).linear(form), hx.LeastSquares())
+        assert found.covariance_kind == "residual"
+        error, covariance = main_part(found)
+        sigma = np.sqrt(np.einsum("...ii->...i", covariance))
+        inside = (np.abs(error) <= stats.t(found.degrees_of_freedom).ppf(0.975) * sigma).mean(axis=0)
+        assert np.abs(inside - 0.95).max() < 0.012, inside
 
     def test_a_loop_without_noise_model(self, left_hand):
         data = hx.simulate_leg(left_hand, 3, "leg", 7, 10, noise=hx.UniformNoise(0.01), rng=0)

@@ -48,6 +48,13 @@ def test_a_leg_is_read_only():
         leg().offset = 1.0
 
 
+def test_a_leg_does_not_change_with_the_callers_arrays():
+    mine = np.array([4.0, 5.0, 6.0])
+    one = leg(base_point=mine)
+    mine[0] = 0.0
+    np.testing.assert_array_equal(one.base_point, [4, 5, 6])
+
+
 def test_legs_are_values():
     """Equal numbers make equal legs: settings that hold one (a start, say) compare and pickle as values."""
     one, two = leg(), leg()
