@@ -55,20 +55,12 @@ def _columns(*found: hx.Estimate, leg: hx.Leg) -> Columns:
     return {**columns, "condition": found[-1].condition, "status": status}
 
 
-def _type_one(
+def _one_set(
     scenario: Scenario, robot: hx.Hexapod, n_sets: int, rng: np.random.Generator
 ) -> Iterator[tuple[str, Columns]]:
-    """Section 4, method 3.2: a and b from a DIRECTION set."""
-    loop = hx.loops.FixedDirection(_simulated(scenario, robot, "direction", scenario.n_poses, n_sets, rng))
-    for method, form in FORMS.items():
-        yield method, _columns(hx.estimate(loop.linear(form), SOLVER), leg=robot.leg(scenario.leg))
-
-
-def _type_two(
-    scenario: Scenario, robot: hx.Hexapod, n_sets: int, rng: np.random.Generator
-) -> Iterator[tuple[str, Columns]]:
-    """Section 4, method 3.3: b from a LEG set."""
-    loop = hx.loops.FixedLeg(_simulated(scenario, robot, "leg", scenario.n_poses, n_sets, rng))
+    """Section 4: a and b from a DIRECTION set (method 3.2), or b from a LEG set (method 3.3)."""
+    equation = hx.loops.FixedDirection if scenario.kind == "direction" else hx.loops.FixedLeg
+    loop = equation(_simulated(scenario, robot, scenario.kind, scenario.n_poses, n_sets, rng))
     for method, form in FORMS.items():
         yield method, _columns(hx.estimate(loop.linear(form), SOLVER), leg=robot.leg(scenario.leg))
 
@@ -124,8 +116,8 @@ def _offset(
 
 
 _METHODS = {
-    "direction": _type_one,
-    "leg": _type_two,
+    "direction": _one_set,
+    "leg": _one_set,
     "length": _type_three,
     "three-step": _three_step,
     "offset": _offset,
