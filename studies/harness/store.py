@@ -130,8 +130,10 @@ def claim(out: Path, asked: Manifest, resume: bool) -> Manifest:
     if started:
         held = read_manifest(out)
         if differences := list(_differences(held, asked)):
+            more = f"; and {len(differences) - 3} more" if len(differences) > 3 else ""
             raise StudyError(
-                f"{out} holds another configuration ({'; '.join(differences)}): choose another --out, or delete {out}"
+                f"{out} holds another configuration ({'; '.join(differences[:3])}{more}): choose another --out, or "
+                f"delete {out}"
             )
         if not resume:
             raise StudyError(f"{out} holds chunks already: add --resume to go on, choose another --out, or delete it")
@@ -150,7 +152,7 @@ def _differences(held: Manifest, asked: Manifest) -> Iterator[str]:
             yield f"{name} {had}, not {version}"
     for key, scenario in asked["scenarios"].items():
         had = held.get("scenarios", {}).get(key, scenario)
-        if had["definition"] != scenario["definition"]:
+        if digest(had["definition"]) != digest(scenario["definition"]):  # NaN is equal to itself here
             yield f"scenario {key!r} is defined otherwise"
         elif had["sets"] > scenario["sets"]:
             yield f"{had['sets']} sets of {key!r}, and --sets {scenario['sets']} would take some away"

@@ -157,7 +157,12 @@ def test_a_file_in_place_of_the_folder_is_told(tmp_path):
 
 def start(out, workers):
     command = [sys.executable, toy_study.__file__, "--workers", str(workers), "--out", str(out)]
-    process = subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    # a shell starts its background jobs deaf to SIGINT, and a child inherits that: as on a terminal, it is to hear
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        process = subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    finally:
+        signal.signal(signal.SIGINT, before)
     deadline = time.monotonic() + 30
     while len(list(out.rglob("*.parquet"))) < 3:
         assert process.poll() is None, process.stderr.read()
@@ -213,3 +218,18 @@ def test_an_interrupted_sweep_says_so_and_goes_on(name, workers, unbroken, tmp_p
     assert 3 <= left < 24
     assert sweep(SLOW, out, resume=True, workers=2).kept == left
     assert contents(out) == contents(unbroken)
+
+
+def test_a_scenario_with_nan_is_the_same_when_the_run_goes_on(tmp_path):
+    study = replace(STUDY, scenarios=[Toy("open", float("nan"))])
+    sweep(study, tmp_path)
+    assert sweep(study, tmp_path, resume=True).made == 0
+    with pytest.raises(StudyError, match="scenario 'open' is defined otherwise"):
+        sweep(replace(study, scenarios=[Toy("open", 0.0)]), tmp_path, resume=True)
+
+
+def test_many_differences_are_told_in_one_short_line(tmp_path):
+    first, second = (replace(STUDY, scenarios=[Toy(f"s{i}", scale) for i in range(9)]) for scale in (1.0, 2.0))
+    sweep(first, tmp_path, sets=2)
+    with pytest.raises(StudyError, match=r"'s2' is defined otherwise; and 6 more\): choose"):
+        sweep(second, tmp_path, sets=2, resume=True)
