@@ -7,6 +7,7 @@ backend waits for ever. Here each of these ends the sweep with an error.
 from __future__ import annotations
 
 import contextlib
+import gc
 import hashlib
 import inspect
 import io
@@ -93,11 +94,19 @@ def _wait(client: Client, running: set[Any]) -> tuple[set[Any], set[Any]]:
 @contextlib.contextmanager
 def _connected(address: str) -> Iterator[Client]:
     """A client of the scheduler at `address`; what goes wrong on the cluster becomes a `StudyError`."""
+    # A client that could not connect is garbage that closes itself when it is collected. If that happens while
+    # another one starts, distributed waits for its own lock for ever: collect before, and not in between.
+    gc.collect()
+    collecting = gc.isenabled()
+    gc.disable()
     try:
         client = Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         reason = " ".join(str(error).split())
         raise StudyError(f"no Dask scheduler answers at {address} ({reason})") from None
+    finally:
+        if collecting:
+            gc.enable()
     with client:
         try:
             client.wait_for_workers(1, timeout=TIMEOUT)
