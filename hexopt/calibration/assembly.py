@@ -95,7 +95,7 @@ def _sorted_sets(
         if data.lock not in method.locks:
             wanted = " and ".join(repr(str(lock)) for lock in method.locks)
             raise LockError(f"{method!r} uses sets with the lock {wanted}; one has {str(data.lock)!r}")
-        for number, part in _leg_views(data):
+        for number, part in leg_views(data):
             leg_sets = by_leg.setdefault(number, {})
             if part.lock in leg_sets:
                 raise InputError(f"leg {number} has two sets with the lock {str(part.lock)!r}; give one of each")
@@ -103,7 +103,8 @@ def _sorted_sets(
     return by_leg
 
 
-def _leg_views(data: LegMeasurements | Measurements) -> list[tuple[int, LegMeasurements]]:
+def leg_views(data: LegMeasurements | Measurements) -> list[tuple[int, LegMeasurements]]:
+    """The legs that a set is used for, by number: the locked one, or all six where none is."""
     if isinstance(data, LegMeasurements):
         return [(data.leg, data)]
     numbers = range(1, 7) if data.locked_leg is None else [data.locked_leg]

@@ -156,13 +156,13 @@ def _leg_calibration(
     ok = np.all([found.ok for found in steps.values()], axis=0)
     blocks = {name: np.where(ok[..., None], value, np.nan) for name, value in values.items()}
     full = {name: blocks.get(name, nominal.block(name)) for name in LEG_BLOCKS}
-    squares = [_residual(full, part) ** 2 for part in data if part.length is not None]
+    squares = [length_residual(full, part) ** 2 for part in data if part.length is not None]
     rms = np.sqrt(np.concatenate(squares, axis=-1).mean(axis=-1)) if squares else None
     n_poses = sum(part.n_poses for part in data)
     return LegCalibration(nominal, blocks, ok, covariance, kind, dict(steps), rms, n_poses)
 
 
-def _residual(blocks: Mapping[str, Array], data: LegMeasurements) -> Array:
+def length_residual(blocks: Mapping[str, Array], data: LegMeasurements) -> Array:
     """Length by geometry minus length by reading, over poses, (..., n)."""
     vectors = leg_vector(blocks["platform_point"], blocks["base_point"], data.position, data.rotation)
     residual: Array = norm(vectors) - blocks["gain"] * data.readings() - blocks["offset"]

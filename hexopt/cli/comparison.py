@@ -8,8 +8,10 @@ import numpy as np
 
 from ..arrays import Array, norm
 from ..calibration import Calibration
+from ..calibration.assembly import leg_views
+from ..calibration.methods import length_residual
 from ..geometry import Hexapod
-from ..kinematics import leg_vector
+from ..geometry.leg import LEG_BLOCKS
 from ..measurements import LegMeasurements, Measurements
 
 __all__ = ["comparison"]
@@ -41,16 +43,10 @@ def comparison(found: Calibration, sets: Sequence[Measurements | LegMeasurements
 def _views(sets: Sequence[Measurements | LegMeasurements]) -> Iterator[tuple[int, LegMeasurements]]:
     """Every leg that was measured and read, with the number of its set."""
     for place, data in enumerate(sets, start=1):
-        if isinstance(data, LegMeasurements):
-            views = [data]
-        else:
-            views = [data.leg(number) for number in ([data.locked_leg] if data.locked_leg else range(1, 7))]
-        yield from ((place, view) for view in views if view.length is not None)
+        yield from ((place, view) for _, view in leg_views(data) if view.length is not None)
 
 
 def _residual(robot: Hexapod, view: LegMeasurements) -> Array:
     """Length by geometry minus length by the sensor, of one leg over the poses of a set."""
     leg = robot.leg(view.leg)
-    vectors = leg_vector(leg.platform_point, leg.base_point, view.position, view.rotation)
-    residual: Array = norm(vectors) - leg.true_length(view.readings())
-    return residual
+    return length_residual({name: leg.block(name) for name in LEG_BLOCKS}, view)
