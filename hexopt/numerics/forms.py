@@ -19,11 +19,6 @@ __all__ = ["Centred", "Consecutive", "Direct", "Form"]
 class Form(Protocol):
     """A left multiplier, with its adjoint."""
 
-    @property
-    def name(self) -> str:
-        """What the user calls it."""
-        ...
-
     def apply(self, rows: Array) -> Array:
         """D rows, for rows (..., n, d, c)."""
         ...
@@ -40,8 +35,6 @@ class Form(Protocol):
 @dataclass(frozen=True)
 class Direct:
     """The identity: rows of different poses are independent."""
-
-    name: str = "direct"
 
     def apply(self, rows: Array) -> Array:
         """The rows themselves."""
@@ -60,8 +53,6 @@ class Direct:
 @dataclass(frozen=True)
 class Centred:
     """Minus the mean over poses; the covariance of the result is singular."""
-
-    name: str = "centred"
 
     def apply(self, rows: Array) -> Array:
         """Rows minus their mean."""
@@ -89,7 +80,6 @@ class Consecutive:
 
     later: Array
     earlier: Array
-    name: str = "consecutive"
 
     def apply(self, rows: Array) -> Array:
         """Weighted differences of neighbours."""
