@@ -1,0 +1,341 @@
+r"""Convex programmes of a batch in one standard form, and the certificate of any point.
+
+.. math:: \min_x \sum_j \rho_j(A_j x - y_j) \quad\text{s.t.}\quad l \le x \le h,\;
+          l_i \le C_i x \le h_i,\; \lVert E_k x - c_k\rVert \le r_k .
+
+Its dual has one vector :math:`u_j` per term, multipliers β of the box, :math:`w_i` of the intervals and
+:math:`v_k` of the balls (positive towards the upper bound), which balance:
+:math:`\sum A_j^T u_j + \beta + \sum C_i^T w_i + \sum E_k^T v_k = 0`. For every x inside the constraints and
+every balanced dual, objective minus dual value is a sum of terms that are none negative,
+
+.. math:: \sum_j \rho_j(z_j) + \rho_j^*(u_j) - u_j^T z_j
+          + \sum \beta^+ (h - x) + \beta^- (x - l) + \dots + \sum_k r_k \lVert v_k\rVert - v_k^T(E_k x - c_k),
+
+so it is computed without cancellation, and it bounds how far x is from optimal whoever found x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..arrays import Array, BoolArray, matvec, norm, transpose
+
+__all__ = ["Ball", "Certificate", "Interval", "Penalty", "Programme", "Solution", "Term", "certify"]
+
+#: Rounds of restoring the balance: the first does it, the others take away its rounding.
+ROUNDS = 3
+#: The least freedom of a dual: it moves where nothing else can.
+ROOM = 1e-10
+
+
+class Penalty(Protocol):
+    """What the numerics ask of a loss; residuals z have the shape (..., k, d)."""
+
+    @property
+    def per(self) -> str:
+        """What it looks at together: "row", "pose" (a block) or "all"."""
+        ...
+
+    @property
+    def smooth(self) -> bool:
+        """Whether ψ is continuous."""
+        ...
+
+    @property
+    def curvature(self) -> int | None:
+        """M, of a support function sup u'z − M|u|²/2 over a ball; None for other losses."""
+        ...
+
+    @property
+    def bound(self) -> float:
+        """The radius of that ball."""
+        ...
+
+    def total(self, z: Array) -> Array:
+        """The loss of each problem, (...)."""
+        ...
+
+    def psi(self, z: Array) -> Array:
+        """A subgradient, (..., k, d)."""
+        ...
+
+    def curved(self, z: Array, rows: Array) -> Array:
+        """ψ′(z) times rows (..., k, d, p)."""
+        ...
+
+    def excess(self, z: Array, u: Array) -> Array:
+        """ρ(z) + ρ*(u) − u'z, (...)."""
+        ...
+
+    def shrink(self, u: Array) -> Array:
+        """A factor that brings u into the domain of ρ*, (...)."""
+        ...
+
+    def room(self, z: Array, u: Array) -> Array:
+        """How freely each u may move, (..., k, d)."""
+        ...
+
+
+def transposed_product(matrix: Array, vector: Array) -> Array:
+    """Aᵀv of a batch, ``(..., m, p)`` and ``(..., m)``."""
+    product: Array = (vector[..., None, :] @ matrix)[..., 0, :]
+    return product
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """A loss of the residual A x − y; arrays lead with the batch, and `size` rows make a block."""
+
+    loss: Penalty
+    matrix: Array  # (B, m, p)
+    rhs: Array  # (B, m)
+    size: int = 1
+
+    def residual(self, values: Array) -> Array:
+        """A x − y in blocks, (B, k, size)."""
+        return self.blocks((self.matrix @ values[..., None])[..., 0] - self.rhs)
+
+    def blocks(self, rows: Array) -> Array:
+        """Rows (B, m) as (B, k, size)."""
+        return rows.reshape(*rows.shape[:-1], rows.shape[-1] // self.size, self.size)
+
+    def gram(self, z: Array) -> Array:
+        """AᵀψʹA at residuals z, (B, p, p)."""
+        blocks = self.matrix.reshape(*z.shape, self.matrix.shape[-1])
+        return transpose(self.matrix) @ self.loss.curved(z, blocks).reshape(self.matrix.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """lower ≤ C x ≤ upper, either side possibly infinite; an equation has both alike."""
+
+    matrix: Array  # (B, q, p)
+    lower: Array  # (B, q)
+    upper: Array  # (B, q)
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """‖E x − c‖ ≤ r."""
+
+    matrix: Array  # (B, q, p)
+    centre: Array  # (B, q)
+    radius: Array  # (B,)
+
+
+@dataclass(frozen=True, eq=False)
+class Programme:
+    """A batch of convex programmes of one structure; every array leads with the batch."""
+
+    terms: tuple[Term, ...]
+    lower: Array  # (B, p)
+    upper: Array  # (B, p)
+    intervals: tuple[Interval, ...] = ()
+    balls: tuple[Ball, ...] = ()
+
+    @property
+    def batch(self) -> int:
+        """How many problems."""
+        return len(self.lower)
+
+    @property
+    def size(self) -> int:
+        """How many unknowns."""
+        return self.lower.shape[-1]
+
+    @property
+    def is_boxed(self) -> bool:
+        """Whether any bound of the box is finite."""
+        return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
+    @property
+    def is_free(self) -> bool:
+        """Whether there is no constraint at all."""
+        return not (self.intervals or self.balls or self.is_boxed)
+
+    def objective(self, values: Array) -> Array:
+        """The objective, (B,)."""
+        return np.asarray(sum(term.loss.total(term.residual(values)) for term in self.terms))
+
+    def mapped(self, change: Callable[[Array], Array]) -> Programme:
+        """With every array changed; for choosing members of the batch."""
+        return Programme(
+            tuple(replace(term, matrix=change(term.matrix), rhs=change(term.rhs)) for term in self.terms),
+            change(self.lower),
+            change(self.upper),
+            tuple(Interval(change(one.matrix), change(one.lower), change(one.upper)) for one in self.intervals),
+            tuple(Ball(change(one.matrix), change(one.centre), change(one.radius)) for one in self.balls),
+        )
+
+    def take(self, which: Any) -> Programme:
+        """Some members of the batch, by an index array or a slice."""
+        return self.mapped(lambda array: array[which])
+
+    def scaled(self) -> tuple[Programme, Array]:
+        """In variables whose columns have unit length, and those lengths (B, p): x = scaled / lengths."""
+        square = np.asarray(sum(np.einsum("...mp,...mp->...p", term.matrix, term.matrix) for term in self.terms))
+        length = np.sqrt(square)
+        length[length == 0] = 1.0
+        columns = length[:, None, :]
+        return Programme(
+            tuple(replace(term, matrix=term.matrix / columns) for term in self.terms),
+            self.lower * length,
+            self.upper * length,
+            tuple(replace(one, matrix=one.matrix / columns) for one in self.intervals),
+            tuple(replace(one, matrix=one.matrix / columns) for one in self.balls),
+        ), length
+
+    def about(self, centre: Array) -> Programme:
+        """In the change of x from a centre (B, p)."""
+        return Programme(
+            tuple(replace(term, rhs=term.rhs - matvec(term.matrix, centre)) for term in self.terms),
+            self.lower - centre,
+            self.upper - centre,
+            tuple(
+                Interval(one.matrix, one.lower - matvec(one.matrix, centre), one.upper - matvec(one.matrix, centre))
+                for one in self.intervals
+            ),
+            tuple(replace(one, centre=one.centre - matvec(one.matrix, centre)) for one in self.balls),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a solver claims; duals are None where they follow from x (smooth losses, and the box always)."""
+
+    values: Array  # (B, p)
+    converged: BoolArray  # (B,)
+    iterations: Array  # (B,)
+    rows: tuple[Array, ...] | None = None  # u of each term, (B, m)
+    intervals: tuple[Array, ...] = ()  # w, (B, q)
+    balls: tuple[Array, ...] = ()  # v, (B, q)
+    infeasible: BoolArray | None = None  # (B,), proven
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What is proven of a point.
+
+    Attributes
+    ----------
+    gap : ndarray, shape (B,)
+        Objective minus the dual value.
+    primal_residual : ndarray, shape (B,)
+        The largest violation of a constraint.
+    dual_residual : ndarray, shape (B,)
+        The largest imbalance that is left of the duals.
+    rows, box, intervals, balls
+        The balanced duals.
+    """
+
+    gap: Array
+    primal_residual: Array
+    dual_residual: Array
+    rows: tuple[Array, ...]
+    box: Array
+    intervals: tuple[Array, ...]
+    balls: tuple[Array, ...]
+
+
+def certify(programme: Programme, solution: Solution) -> Certificate:
+    """Balance the duals of a solution, and bound its distance from optimal; use scaled variables.
+
+    The claimed duals (or ψ of the residuals) are first brought into balance where that costs least: along
+    rows whose dual is inside its domain, and along active constraints. Then all are shrunk into the domain.
+    """
+    x = solution.values
+    z = [term.residual(x) for term in programme.terms]
+    if solution.rows is None:
+        u = [term.loss.psi(part) for term, part in zip(programme.terms, z, strict=True)]
+    else:
+        u = [term.blocks(part) for term, part in zip(programme.terms, solution.rows, strict=True)]
+    sides = [one.matrix for one in programme.intervals] + [one.matrix for one in programme.balls]
+    w = [*solution.intervals, *solution.balls] or [np.zeros(side.shape[:-1]) for side in sides]
+    u, w, left = _balanced(programme, x, z, u, w, sides)
+    box = np.where(_absorbs(programme, x, left), -left, 0.0)
+    shrink = np.min([term.loss.shrink(part) for term, part in zip(programme.terms, u, strict=True)], axis=0)
+    u = [shrink[:, None, None] * part for part in u]
+    w = [shrink[:, None] * part for part in w]
+    box = shrink[:, None] * box
+    gap = np.asarray(sum(t.loss.excess(a, b) for t, a, b in zip(programme.terms, z, u, strict=True)))
+    gap = gap + _slackness(box, x, programme.lower, programme.upper)
+    violation = _violation(x, programme.lower, programme.upper)
+    count = len(programme.intervals)
+    for one, multiplier in zip(programme.intervals, w[:count], strict=True):
+        side = matvec(one.matrix, x)
+        gap = gap + _slackness(multiplier, side, one.lower, one.upper)
+        violation = np.maximum(violation, _violation(side, one.lower, one.upper))
+    for ball, multiplier in zip(programme.balls, w[count:], strict=True):
+        side = matvec(ball.matrix, x) - ball.centre
+        along = np.einsum("...q,...q->...", multiplier, side)
+        gap = gap + np.abs(ball.radius * norm(multiplier) - along)
+        violation = np.maximum(violation, norm(side) - ball.radius)
+    return Certificate(
+        gap,
+        np.maximum(violation, 0.0),
+        np.abs(shrink[:, None] * left + box).max(axis=-1),
+        tuple(part.reshape(len(x), -1) for part in u),
+        box,
+        tuple(w[:count]),
+        tuple(w[count:]),
+    )
+
+
+def _balanced(
+    programme: Programme, x: Array, z: list[Array], u: list[Array], w: list[Array], sides: list[Array]
+) -> tuple[list[Array], list[Array], Array]:
+    """The duals moved until they balance but for what the box takes, and what is left."""
+    room = [
+        np.maximum(t.loss.room(a, b), ROOM).reshape(len(x), -1) for t, a, b in zip(programme.terms, z, u, strict=True)
+    ]
+    active = [(part != 0).astype(float) for part in w]
+    rows = [(t.matrix, d) for t, d in zip(programme.terms, room, strict=True)]
+    rows += list(zip(sides, active, strict=True))
+    gram = np.asarray(sum(transpose(matrix) @ (weight[..., None] * matrix) for matrix, weight in rows))
+
+    def imbalance() -> Array:
+        flat = [part.reshape(len(x), -1) for part in u] + w
+        return np.asarray(sum(transposed_product(matrix, part) for (matrix, _), part in zip(rows, flat, strict=True)))
+
+    left = imbalance()
+    taken = _absorbs(programme, x, left)
+    inverse = _regular_inverse(gram, taken)
+    for _ in range(ROUNDS):
+        step = matvec(inverse, np.where(taken, 0.0, left))
+        moves = [weight * matvec(matrix, step) for matrix, weight in rows]
+        u = [part - move.reshape(part.shape) for part, move in zip(u, moves, strict=False)]
+        w = [part - move for part, move in zip(w, moves[len(u) :], strict=True)]
+        left = imbalance()
+    return u, w, left
+
+
+def _regular_inverse(gram: Array, taken: BoolArray) -> Array:
+    """Inverse of a Gram matrix without the coordinates that are taken, regularised where it is singular."""
+    size = gram.shape[-1]
+    keep = ~taken
+    part = np.where(keep[:, :, None] & keep[:, None, :], gram, 0.0)
+    level = np.maximum(np.einsum("...ii->...i", part).max(axis=-1), 1e-300)
+    part = part + np.where(keep, 1e-14, 1.0)[:, :, None] * np.eye(size) * level[:, None, None]
+    finite = np.isfinite(part).all(axis=(-2, -1))
+    inverse = np.linalg.inv(np.where(finite[:, None, None], part, np.eye(size)))
+    return np.asarray(np.where(keep[:, :, None] & keep[:, None, :], inverse, 0.0))
+
+
+def _absorbs(programme: Programme, x: Array, left: Array) -> BoolArray:
+    """Coordinates at a bound whose multiplier −left has that bound's sign."""
+    at_upper, at_lower = x >= programme.upper, x <= programme.lower
+    return (at_upper & (left <= 0)) | (at_lower & (left >= 0))
+
+
+def _slackness(multiplier: Array, side: Array, lower: Array, upper: Array) -> Array:
+    """Σ w⁺|upper − side| + w⁻|side − lower|, where an infinite bound costs nothing without a multiplier."""
+    room = np.where(multiplier > 0, upper - side, side - lower)
+    return np.abs(np.multiply(multiplier, room, out=np.zeros(room.shape), where=multiplier != 0)).sum(axis=-1)
+
+
+def _violation(side: Array, lower: Array, upper: Array) -> Array:
+    return np.maximum(lower - side, side - upper).max(axis=-1, initial=0.0)
