@@ -106,10 +106,9 @@ class Loss(ABC):
             less = np.where(outside, np.minimum(2 * less + 1e-14, 1.0), less)
         return 1 - less
 
-    def room(self, z: Array, u: Array) -> Array:
-        """How freely each dual u may move at little cost, between 0 and 1, shape (..., k, d)."""
-        slope = self.psi_prime(z)
-        return slope if self.per == "row" else np.einsum("...ii->...i", slope)
+    def freed(self, z: Array, u: Array, rows: Array) -> Array:
+        """Rows (..., k, d, p) times how freely the duals u may move at little cost, between 0 and 1."""
+        return self.curved(z, rows)
 
     def _summed(self, value: Array) -> Array:
         axes = _DIMENSIONS[self.per]
@@ -368,9 +367,9 @@ class L1(Loss):
         """s over the largest |u|, where that is above s."""
         return np.minimum(1.0, self.scale / np.maximum(np.abs(u).max(axis=(-2, -1)), 1e-300))
 
-    def room(self, z: Array, u: Array) -> Array:
-        """The share by which |u| stays below s."""
-        return np.maximum(1 - np.abs(u) / self.scale, 0.0)
+    def freed(self, z: Array, u: Array, rows: Array) -> Array:
+        """Rows times the share by which |u| stays below s."""
+        return np.maximum(1 - np.abs(u) / self.scale, 0.0)[..., None] * rows
 
 
 @dataclass(frozen=True)
@@ -431,10 +430,13 @@ class GroupL1(Loss):
         """s over the longest block, where that is above s."""
         return np.minimum(1.0, self.scale / np.maximum(norm(u).max(axis=-1), 1e-300))
 
-    def room(self, z: Array, u: Array) -> Array:
-        """The share by which ‖u‖ stays below s."""
-        share = np.maximum(1 - norm(u) / self.scale, 0.0)
-        return np.broadcast_to(share[..., None], u.shape)
+    def freed(self, z: Array, u: Array, rows: Array) -> Array:
+        """Rows times the share by which ‖u‖ stays below s, or across z, where u may turn with it."""
+        inside = np.maximum(1 - norm(u) / self.scale, 0.0)[..., None, None] * rows
+        size = np.maximum(norm(z), 1e-300)[..., None]
+        unit = z / size
+        across = rows - unit[..., None] * np.einsum("...kd,...kdp->...kp", unit, rows)[..., None, :]
+        return inside + np.minimum(self.scale / size, 1.0)[..., None] * across
 
 
 @dataclass(frozen=True)
@@ -494,7 +496,8 @@ class Chebyshev(Loss):
         """One over Σ|u|, where that is above 1."""
         return 1.0 / np.maximum(np.abs(u).sum(axis=(-2, -1)), 1.0)
 
-    def room(self, z: Array, u: Array) -> Array:
-        """|u| as a share of the largest: what is zero stays zero."""
+    def freed(self, z: Array, u: Array, rows: Array) -> Array:
+        """Rows times |u| as a share of the largest: what is zero stays zero."""
         size = np.abs(u)
-        return size / np.maximum(size.max(axis=(-2, -1), keepdims=True), 1e-300)
+        share = size / np.maximum(size.max(axis=(-2, -1), keepdims=True), 1e-300)
+        return share[..., None] * rows

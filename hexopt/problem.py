@@ -10,7 +10,7 @@ import numpy as np
 from .arrays import Array, as_array, frozen, matvec, transpose
 from .errors import InputError
 from .numerics.forms import Centred, Direct, Form
-from .numerics.lstsq import solve_svd
+from .numerics.lstsq import solve
 from .parameters import Parameters
 
 __all__ = ["ConstantRowNoise", "LinearProblem", "RowCovariance", "RowNoise", "Whitening"]
@@ -195,14 +195,15 @@ class LinearProblem:
         if values is None:
             values = self.at
         if values is None:
-            values = solve_svd(self.matrix, self.rhs, self.worst_cancellation).values
+            values = solve(self.matrix, self.rhs, self.worst_cancellation, inverse=False).values
         return self.noise.covariance(values)
 
-    def whitening(self) -> Whitening:
+    def whitening(self, *, shared: bool = True) -> Whitening:
         r"""The symmetric root :math:`W = (D S D^T)^{-1/2}` that makes rows count in standard deviations.
 
         A whitened row still belongs to its own row, and a threshold of 1.345 means 1.345 σ. Where
         :math:`D S D^T` is singular by construction (the centred form) W is the root of its pseudo-inverse.
+        Without the `shared` part, direct rows are whitened pose by pose by what each pose has for itself.
 
         Raises
         ------
@@ -210,7 +211,7 @@ class LinearProblem:
             If the noise is unknown, or leaves some row without any error.
         """
         covariance = self.row_covariance()
-        if isinstance(self.form, Direct) and covariance.common is None:
+        if isinstance(self.form, Direct) and (covariance.common is None or not shared):
             return Whitening(self._inverse_root(covariance.blocks, 0))
         singular = self.rows_per_block if isinstance(self.form, Centred) else 0
         return Whitening(self._inverse_root(self._dense(covariance), singular)[..., None, :, :])

@@ -19,7 +19,7 @@ from .parameters import Parameters
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Estimate", "Estimator", "Status", "estimate"]
+__all__ = ["Certificate", "Estimate", "Estimator", "Status", "estimate"]
 
 
 class Status(IntEnum):
@@ -31,6 +31,26 @@ class Status(IntEnum):
     NOT_CONVERGED = 3
     INFEASIBLE = 4
     FAILED = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What is proven of values, whoever found them.
+
+    Attributes
+    ----------
+    gap : ndarray, shape (...)
+        Objective minus a lower bound of the optimum.
+    primal_residual, dual_residual : ndarray, shape (...)
+        Largest violation of a constraint, and largest imbalance of the duals, in scaled variables.
+    ok : ndarray of bool, shape (...)
+        Whether that proves the values to be optimal.
+    """
+
+    gap: Array
+    primal_residual: Array
+    dual_residual: Array
+    ok: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +84,17 @@ class Estimate:
     iterations : ndarray of int, shape (...)
         0 for closed forms.
     duals : dict of str to ndarray
-        Multipliers of constraints by name.
+        Forces by name, of convex programmes: "rows" (..., m), and one entry a constraint, positive where its upper
+        bound holds.
     estimator : str
     unseen : tuple of str
         Where a problem is rank deficient: the combinations that its matrix does not see.
+    decided : tuple of str
+        Of a success: the combinations that the measurements do not see, so that a prior or bounds decided them.
+    undetermined : ndarray of bool, shape (...), or None
+        Which problems that is true of; None where there is neither prior nor bound.
+    primal_residual, dual_residual : ndarray, shape (...), or None
+        Largest violation of a constraint, and largest imbalance of the duals, at `values` in scaled variables.
     """
 
     values: Array
@@ -85,6 +112,10 @@ class Estimate:
     duals: Mapping[str, Array] = field(default_factory=dict)
     estimator: str = ""
     unseen: tuple[str, ...] = ()
+    decided: tuple[str, ...] = ()
+    undetermined: BoolArray | None = None
+    primal_residual: Array | None = None
+    dual_residual: Array | None = None
 
     @property
     def params(self) -> dict[str, Array]:
@@ -148,11 +179,13 @@ class Estimate:
         def pick(value: Any) -> Any:
             return None if value is None else value[index]
 
-        names = ("values", "codes", "covariance", "objective", "gap", "condition", "chi2", "influence")
+        names = ["values", "codes", "covariance", "objective", "gap", "condition", "chi2", "influence"]
+        names += ["primal_residual", "dual_residual", "undetermined"]
         iterations = self.iterations if self.iterations.ndim == 0 else self.iterations[index]
         return replace(
             self,
             unseen=self.unseen if np.any(self.codes[index] == Status.RANK_DEFICIENT) else (),
+            decided=self.decided if self.undetermined is not None and np.any(self.undetermined[index]) else (),
             **{name: pick(getattr(self, name)) for name in names},
             iterations=iterations,
             duals={name: value[index] for name, value in self.duals.items()},
@@ -182,6 +215,7 @@ class Estimate:
             return self._batch_summary()
         lines = [f"{self.estimator}: {Status(int(self.codes)).name}"]
         lines += [f"  unseen: {combination}" for combination in self.unseen]
+        lines += [f"  decided by the prior or bounds, not by the measurements: {one}" for one in self.decided]
         errors = None if self.covariance is None else self.standard_errors
         position = 0
         for block in self.parameters:

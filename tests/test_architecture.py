@@ -20,7 +20,7 @@ FLOORS = [
     ["errors", "arrays", "files", "rotations"],
     ["geometry", "robots", "noise", "measurements", "parameters"],
     ["kinematics", "numerics", "problem", "result"],
-    ["loops", "propagation", "information", "losses", "priors", "constraints", "poses", "simulation"],
+    ["loops", "propagation", "information", "losses", "named", "priors", "constraints", "poses", "simulation"],
     ["symbolic", "estimators", "selection"],
     ["sequential", "calibration", "readers", "plots", "report", "testing", "cli"],
 ]

@@ -4,6 +4,7 @@ from .base import Loop
 from .fixed_direction import FixedDirection
 from .fixed_leg import FixedLeg
 from .fixed_length import FixedLength
+from .joining import join
 from .leg_length import LegLength
 
-__all__ = ["FixedDirection", "FixedLeg", "FixedLength", "LegLength", "Loop"]
+__all__ = ["FixedDirection", "FixedLeg", "FixedLength", "LegLength", "Loop", "join"]

@@ -90,7 +90,7 @@ class Loop(ABC):
         self.unknown = chosen_unknown(name, self.involved, self.default_unknown if unknown is None else unknown, given)
         known = [block for block in self.involved if block not in self.unknown]
         found = known_values(name, known, given, data)
-        self._known, self._known_roots = found.values, found.roots
+        self._known, self._known_roots, self._sources = found.values, found.roots, found.sources
         #: Why a covariance of the unknown would leave out the error of a known estimate; empty where it does not.
         self._uncarried = _why_uncarried(found, data)
         #: Sets of which a known value is an estimate that failed.
@@ -211,24 +211,31 @@ class Loop(ABC):
         InputError
             If the data has no noise model.
         """
+        own, shared = self.covariance_parts(values)
+        return RowCovariance(own, np.concatenate([part for _, part in shared], axis=-1) if shared else None)
+
+    def covariance_parts(self, values: Array) -> tuple[Array, list[tuple[Estimate | None, Array]]]:
+        r""":math:`S_i` (..., n, d, d), and by its source a factor (..., n, d, r) of what all poses share.
+
+        The source is the estimate that known values come from, or None for the common error of the set itself.
+        """
         noise = self.data.noise
         if noise is None:
             raise InputError(f"{type(self).__name__}: the measurements have no noise model; give them noise=…")
         blocks = self._blocks(values)
         jacobian = self._noise_columns(blocks)
         own = jacobian @ noise.covariance(self.data.position, self.data.rotation) @ np.swapaxes(jacobian, -1, -2)
-        shared = []
+        shared: list[tuple[Estimate | None, Array]] = []
         common = noise.common()
         if common is not None:
-            shared.append(jacobian @ square_root(common))
-        if self._known_roots:
-            columns = self._columns(blocks)
-            shared += [columns[name] @ root[..., None, :, :] for name, root in self._known_roots.items()]
-        if not shared:
-            return RowCovariance(own)
+            shared.append((None, jacobian @ square_root(common)))
+        columns = self._columns(blocks) if self._sources else {}
+        for source in {id(found): found for found in self._sources.values()}.values():
+            names = [name for name, found in self._sources.items() if found is source]
+            parts = [columns[name] @ self._known_roots[name][..., None, :, :] for name in names]
+            shared.append((source, np.sum(np.broadcast_arrays(*parts), axis=0)))
         shape = own.shape[:-2]
-        wide = [np.broadcast_to(part, (*shape, *part.shape[-2:])) for part in shared]
-        return RowCovariance(own, np.concatenate(wide, axis=-1))
+        return own, [(source, np.broadcast_to(part, (*shape, *part.shape[-2:]))) for source, part in shared]
 
     # --- linear problems --------------------------------------------------------------------------
 

@@ -14,6 +14,7 @@ from ..errors import InputError, UnitError
 from ..geometry import LENGTH_UNITS
 from ..geometry.leg import LEG_BLOCKS
 from ..measurements import LegMeasurements
+from ..parameters import Parameters
 from ..result import Estimate
 
 __all__ = ["Known", "KnownValues", "check_estimate_unit", "chosen_unknown", "known_values", "square_root"]
@@ -45,27 +46,32 @@ class KnownValues:
     Attributes
     ----------
     values : dict of str to ndarray, shape (..., size)
-    roots : dict of str to ndarray
-        Factors of the covariance of those that are estimates with one.
+    roots : dict of str to ndarray, shape (..., size, r)
+        Factors of the covariance of those that are estimates with one: blocks of one estimate have rows of one
+        factor, so that :math:`F_a F_b^T` is what a and b share.
+    sources : dict of str to Estimate
+        The estimates behind the roots.
     uncarried : tuple of str
         Those that are estimates without one: their error is real, and lost.
     """
 
     values: dict[str, Array]
     roots: dict[str, Array]
+    sources: dict[str, Estimate]
     uncarried: tuple[str, ...]
 
 
 def known_values(loop: str, names: Sequence[str], given: Mapping[str, Any], data: LegMeasurements) -> KnownValues:
     """The known blocks of a loop, from arguments or else from the nominal of the data."""
-    values, roots, uncarried, nominal = {}, {}, [], data.nominal
+    values, uncarried, nominal = {}, [], data.nominal
+    sources: dict[str, Estimate] = {}
     for name in names:
         value = given[name]
         if isinstance(value, Estimate):
             check_estimate_unit(value, name, data.length_unit)
             values[name] = value.params[name]
             if value.covariance is not None:
-                roots[name] = square_root(value.covariance_of(name))
+                sources[name] = value
             else:
                 uncarried.append(name)
         elif value is not None:
@@ -76,7 +82,16 @@ def known_values(loop: str, names: Sequence[str], given: Mapping[str, Any], data
             values[name] = nominal.block(name)
         else:
             raise InputError(f"{name}: {loop} needs it; give {name}=…, or measurements with nominal=robot.leg(k)")
-    return KnownValues(values, roots, tuple(uncarried))
+    factors = {id(source): _block_roots(source) for source in sources.values()}
+    roots = {name: factors[id(source)][name] for name, source in sources.items()}
+    return KnownValues(values, roots, sources, tuple(uncarried))
+
+
+def _block_roots(found: Estimate) -> dict[str, Array]:
+    """The rows, by block, of one factor of the covariance of all of an estimate's leg blocks."""
+    blocks = Parameters(tuple(block for block in found.parameters if block.name in LEG_BLOCKS))
+    root = square_root(found.covariance_of(*blocks.names))
+    return {name: root[..., blocks[name], :] for name in blocks.names}
 
 
 def check_estimate_unit(found: Estimate, name: str, unit: str) -> None:
@@ -87,9 +102,12 @@ def check_estimate_unit(found: Estimate, name: str, unit: str) -> None:
 
 
 def square_root(covariance: Array) -> Array:
-    """A factor F with F F' = covariance, for positive semidefinite input; NaN where that is NaN."""
+    """A factor F with F F' = covariance, for positive semidefinite input of any units; NaN where that is NaN."""
     finite = np.isfinite(covariance).all(axis=(-2, -1), keepdims=True)
-    values, vectors = np.linalg.eigh(np.where(finite, covariance, 0.0))
-    vectors = np.where(finite, vectors, np.nan)
+    known = np.where(finite, covariance, 0.0)
+    scale = np.sqrt(np.maximum(np.einsum("...ii->...i", known), 0.0))
+    scale = np.where(scale > 0, scale, 1.0)  # entries of unit size: small units lose no digits beside large ones
+    values, vectors = np.linalg.eigh(known / scale[..., :, None] / scale[..., None, :])
+    vectors = np.where(finite, scale[..., :, None] * vectors, np.nan)
     factor: Array = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
     return factor

@@ -7,12 +7,15 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ..arrays import Array, BoolArray, matvec, transpose
+from .inverse import spd_inverse
 
 __all__ = ["LstsqSolution", "null_combinations", "solve", "solve_normal_equations", "solve_svd"]
 
 EPS = float(np.finfo(float).eps)
 #: Up to this condition number one refinement gives the Gram route the accuracy of the SVD.
 GRAM_LIMIT = 1e3
+#: Problems that are worked on together: so many that calls cost little, so few that arrays stay in the cache.
+CHUNK = 512
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,10 @@ class LstsqSolution:
         ``|A x − y|²/2`` at the returned values.
     gap : ndarray, shape (...)
         Objective minus the dual bound from the returned residual: ``|U'(A x − y)|²/2``.
+    residual : ndarray, shape (..., m)
+        ``A x − y``.
+    imbalance : ndarray, shape (...)
+        The largest entry of ``A'(A x − y)``, for columns of unit length (or of ``U'(A x − y)``).
     """
 
     values: Array
@@ -40,6 +47,8 @@ class LstsqSolution:
     inverse: Array
     objective: Array
     gap: Array
+    residual: Array
+    imbalance: Array
 
 
 def _column_scale(matrix: Array) -> Array:
@@ -92,6 +101,8 @@ def solve_svd(matrix: Array, rhs: Array, cancellation: Array | float = 1.0, *, i
         back @ left if inverse else np.empty((*values.shape, 0)),
         0.5 * np.einsum("...m,...m->...", residual, residual),
         0.5 * np.einsum("...p,...p->...", projected, projected),
+        residual,
+        np.abs(projected).max(axis=-1),
     )
 
 
@@ -112,49 +123,63 @@ def solve(matrix: Array, rhs: Array, cancellation: Array | float = 1.0, *, inver
     inverse : bool, default True
         Whether to form the pseudo-inverse; without it that field is empty, (..., p, 0).
     """
-    left = transpose(matrix)
-    gram = left @ matrix
-    scale = np.sqrt(np.einsum("...pp->...p", gram))
-    scale[scale == 0] = 1.0
-    gram /= scale[..., :, None] * scale[..., None, :]
-    inner = _inverse_or_nan(gram)
-    with np.errstate(invalid="ignore"):
-        condition = np.sqrt(_frobenius(gram) * _frobenius(inner))
-        seen = cancellation * condition * rank_tolerance(*matrix.shape[-2:]) < 1.0
-        good: BoolArray = np.asarray((condition < GRAM_LIMIT) & seen)
-
-    def back(residual: Array) -> tuple[Array, Array]:
-        """The scaled gradient A'r of a residual, and the step that it asks for, in units of x."""
-        gradient = np.einsum("...mp,...m->...p", matrix, residual) / scale
-        return gradient, matvec(inner, gradient) / scale
-
-    values = back(rhs)[1]
-    values += back(rhs - matvec(matrix, values))[1]
-    residual = rhs - matvec(matrix, values)
-    gradient, step = back(residual)
-    solution = LstsqSolution(
-        values,
-        good,
-        np.asarray(cancellation * condition),
-        (inner / scale[..., None, :] / scale[..., :, None]) @ left if inverse else np.empty((*values.shape, 0)),
-        0.5 * np.einsum("...m,...m->...", residual, residual),
-        0.5 * np.einsum("...p,...p->...", gradient, step * scale),
+    rows, size = matrix.shape[-2:]
+    count = int(np.prod(rhs.shape[:-1]))
+    flat, right = matrix.reshape(count, rows, size), rhs.reshape(count, rows)
+    shapes = {"values": (size,), "condition": (), "inverse": (size, rows if inverse else 0)}
+    shapes |= {"objective": (), "gap": (), "residual": (rows,), "imbalance": ()}
+    out = {name: np.empty((len(flat), *shape)) for name, shape in shapes.items()}
+    for start in range(0, len(flat), CHUNK):
+        part = slice(start, start + CHUNK)
+        _solve_gram(flat[part], right[part], **{name: array[part] for name, array in out.items()})
+    out = {name: array.reshape(rhs.shape[:-1] + shapes[name]) for name, array in out.items()}
+    condition = out["condition"] = cancellation * out["condition"]
+    good: BoolArray = np.asarray(
+        (condition < GRAM_LIMIT * cancellation) & (condition * rank_tolerance(rows, size) < 1.0)
     )
+    solution = LstsqSolution(full_rank=good, **out)
     if good.all():
         return solution
     lost = np.broadcast_to(cancellation, good.shape)[~good]
     return _replaced(solution, ~good, solve_svd(matrix[~good], rhs[~good], lost, inverse=inverse))
 
 
-def _inverse_or_nan(gram: Array) -> Array:
-    """Inverses of a batch; where one is singular NumPy refuses the whole batch, so those become NaN."""
-    try:
-        inverse: Array = np.asarray(np.linalg.inv(gram), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(gram)
-        values = np.where(values[..., :1] > 0, values, np.nan)
-        inverse = (vectors / values[..., None, :]) @ transpose(vectors)
-    return inverse
+def _solve_gram(
+    matrix: Array,
+    rhs: Array,
+    *,
+    values: Array,
+    condition: Array,
+    inverse: Array,
+    objective: Array,
+    gap: Array,
+    residual: Array,
+    imbalance: Array,
+) -> None:
+    """Fill in what is known of a flat batch, by the refined Gram matrix; `inverse` may be empty."""
+    columns = np.ascontiguousarray(transpose(matrix))
+    gram = columns @ matrix
+    scale = np.sqrt(np.einsum("...pp->...p", gram))
+    scale[scale == 0] = 1.0
+    gram /= scale[:, :, None] * scale[:, None, :]
+    inner = spd_inverse(gram)
+
+    def back(rows: Array) -> tuple[Array, Array]:
+        """The scaled gradient A'r of rows, and the scaled step that it asks for."""
+        gradient = (columns @ rows[..., None])[..., 0] / scale
+        return gradient, matvec(inner, gradient)
+
+    with np.errstate(invalid="ignore", over="ignore"):
+        condition[:] = np.nan_to_num(np.sqrt(_frobenius(gram) * _frobenius(inner)), nan=np.inf, posinf=np.inf)
+        values[:] = back(rhs)[1] / scale
+        values -= back((values[:, None, :] @ columns)[:, 0] - rhs)[1] / scale
+        residual[:] = (values[:, None, :] @ columns)[:, 0] - rhs
+        gradient, step = back(residual)
+        if inverse.size:
+            np.matmul(inner / (scale[:, None, :] * scale[:, :, None]), columns, out=inverse)
+        objective[:] = 0.5 * np.einsum("...m,...m->...", residual, residual)
+        gap[:] = 0.5 * np.einsum("...p,...p->...", gradient, step)
+        imbalance[:] = np.abs(gradient).max(axis=-1)
 
 
 def _frobenius(matrix: Array) -> Array:
@@ -197,6 +222,8 @@ def solve_normal_equations(
         inner @ transposed if inverse else np.empty((*values.shape, 0)),
         0.5 * np.einsum("...m,...m->...", residual, residual),
         0.5 * np.abs(np.einsum("...p,...pq,...q->...", gradient, inner, gradient)),
+        residual,
+        np.abs(gradient / scale).max(axis=-1),
     )
 
 

@@ -18,16 +18,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import Array, BoolArray, matvec, norm, transpose
+from .inverse import spd_inverse
 
 __all__ = ["Ball", "Certificate", "Interval", "Penalty", "Programme", "Solution", "Term", "certify"]
 
 #: Rounds of restoring the balance: the first does it, the others take away its rounding.
 ROUNDS = 3
+#: How near a bound, relative to 1 + |x|, a multiplier may stand there.
+NEAR = 1e-8
 #: The least freedom of a dual: it moves where nothing else can.
 ROOM = 1e-10
 
@@ -63,6 +68,10 @@ class Penalty(Protocol):
         """A subgradient, (..., k, d)."""
         ...
 
+    def weight(self, z: Array) -> Array:
+        """The w of ψ(z) = w z, (..., k, d) or (..., k)."""
+        ...
+
     def curved(self, z: Array, rows: Array) -> Array:
         """ψ′(z) times rows (..., k, d, p)."""
         ...
@@ -75,8 +84,8 @@ class Penalty(Protocol):
         """A factor that brings u into the domain of ρ*, (...)."""
         ...
 
-    def room(self, z: Array, u: Array) -> Array:
-        """How freely each u may move, (..., k, d)."""
+    def freed(self, z: Array, u: Array, rows: Array) -> Array:
+        """Rows (..., k, d, p) times how freely the duals u may move."""
         ...
 
 
@@ -95,18 +104,48 @@ class Term:
     rhs: Array  # (B, m)
     size: int = 1
 
+    @cached_property
+    def columns(self) -> Array:
+        """Aᵀ with its entries in a row, (B, p, m): products with it are the fastest."""
+        return np.ascontiguousarray(transpose(self.matrix))
+
     def residual(self, values: Array) -> Array:
         """A x − y in blocks, (B, k, size)."""
-        return self.blocks((self.matrix @ values[..., None])[..., 0] - self.rhs)
+        return self.blocks((values[:, None, :] @ self.columns)[:, 0] - self.rhs)
+
+    def pulled(self, blocks: Array) -> Array:
+        """Aᵀu of blocks (B, k, size), shape (B, p)."""
+        product: Array = (self.columns @ blocks.reshape(*self.rhs.shape, 1))[..., 0]
+        return product
 
     def blocks(self, rows: Array) -> Array:
         """Rows (B, m) as (B, k, size)."""
         return rows.reshape(*rows.shape[:-1], rows.shape[-1] // self.size, self.size)
 
+    def acted(self, action: Callable[[Array], Array]) -> Array:
+        """(D A)ᵀ for a symmetric D that acts on rows (B, k, size, c), such as ψ′; shape (B, p, m)."""
+        shape = (*self.rhs.shape[:-1], self.rhs.shape[-1] // self.size, self.size)
+        if self.loss.per == "pose":
+            rows = action(self.matrix.reshape(*shape, self.matrix.shape[-1]))
+            return transpose(rows.reshape(self.matrix.shape))
+        factor = action(np.ones((*shape, 1)))  # diagonal
+        return self.columns * factor.reshape(len(self.rhs), 1, self.rhs.shape[-1])
+
+    @property
+    def is_quadratic(self) -> bool:
+        """Whether the loss is z²/2 everywhere."""
+        return self.loss.curvature == 1 and self.loss.bound == np.inf
+
+    @cached_property
+    def _own_gram(self) -> Array:
+        return self.columns @ self.matrix
+
     def gram(self, z: Array) -> Array:
         """AᵀψʹA at residuals z, (B, p, p)."""
-        blocks = self.matrix.reshape(*z.shape, self.matrix.shape[-1])
-        return transpose(self.matrix) @ self.loss.curved(z, blocks).reshape(self.matrix.shape)
+        if self.is_quadratic:
+            return self._own_gram
+        product: Array = self.acted(lambda rows: self.loss.curved(z, rows)) @ self.matrix
+        return product
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +248,7 @@ class Solution:
 
     values: Array  # (B, p)
     converged: BoolArray  # (B,)
-    iterations: Array  # (B,)
+    iterations: npt.NDArray[np.int64]  # (B,)
     rows: tuple[Array, ...] | None = None  # u of each term, (B, m)
     intervals: tuple[Array, ...] = ()  # w, (B, q)
     balls: tuple[Array, ...] = ()  # v, (B, q)
@@ -278,7 +317,7 @@ def certify(programme: Programme, solution: Solution) -> Certificate:
         gap,
         np.maximum(violation, 0.0),
         np.abs(shrink[:, None] * left + box).max(axis=-1),
-        tuple(part.reshape(len(x), -1) for part in u),
+        tuple(part.reshape(term.rhs.shape) for term, part in zip(programme.terms, u, strict=True)),
         box,
         tuple(w[:count]),
         tuple(w[count:]),
@@ -289,28 +328,63 @@ def _balanced(
     programme: Programme, x: Array, z: list[Array], u: list[Array], w: list[Array], sides: list[Array]
 ) -> tuple[list[Array], list[Array], Array]:
     """The duals moved until they balance but for what the box takes, and what is left."""
-    room = [
-        np.maximum(t.loss.room(a, b), ROOM).reshape(len(x), -1) for t, a, b in zip(programme.terms, z, u, strict=True)
-    ]
-    active = [(part != 0).astype(float) for part in w]
-    rows = [(t.matrix, d) for t, d in zip(programme.terms, room, strict=True)]
-    rows += list(zip(sides, active, strict=True))
-    gram = np.asarray(sum(transpose(matrix) @ (weight[..., None] * matrix) for matrix, weight in rows))
+    freed = [_freed(t, a, b) for t, a, b in zip(programme.terms, z, u, strict=True)]
+    held = [transpose(share[..., None] * side) for side, share in zip(sides, _held(programme, x, w), strict=True)]
+    matrices = [term.matrix for term in programme.terms] + sides
+    gram = np.asarray(sum(free @ matrix for matrix, free in zip(matrices, freed + held, strict=True)))
 
     def imbalance() -> Array:
-        flat = [part.reshape(len(x), -1) for part in u] + w
-        return np.asarray(sum(transposed_product(matrix, part) for (matrix, _), part in zip(rows, flat, strict=True)))
+        pulled = [term.pulled(part) for term, part in zip(programme.terms, u, strict=True)]
+        pulled += [transposed_product(side, part) for side, part in zip(sides, w, strict=True)]
+        return np.asarray(sum(pulled))
 
     left = imbalance()
     taken = _absorbs(programme, x, left)
     inverse = _regular_inverse(gram, taken)
     for _ in range(ROUNDS):
         step = matvec(inverse, np.where(taken, 0.0, left))
-        moves = [weight * matvec(matrix, step) for matrix, weight in rows]
-        u = [part - move.reshape(part.shape) for part, move in zip(u, moves, strict=False)]
-        w = [part - move for part, move in zip(w, moves[len(u) :], strict=True)]
+        u = [part - (step[:, None, :] @ free).reshape(part.shape) for part, free in zip(u, freed, strict=True)]
+        w = [part - (step[:, None, :] @ free)[:, 0] for part, free in zip(w, held, strict=True)]
+        w = _signed(programme, w)
         left = imbalance()
     return u, w, left
+
+
+def _held(programme: Programme, x: Array, w: list[Array]) -> list[Array]:
+    """How surely each constraint holds x, between 0 and 1, (B, q): its multiplier beside its slack."""
+    shares = []
+    for one, force in zip(programme.intervals, w, strict=False):
+        side = matvec(one.matrix, x)
+        slack = np.where(force > 0, one.upper - side, side - one.lower)
+        share = _share(np.abs(force), np.abs(slack))
+        shares.append(np.where(one.lower == one.upper, 1.0, share))
+    for ball, force in zip(programme.balls, w[len(programme.intervals) :], strict=True):
+        slack = np.abs(ball.radius - norm(matvec(ball.matrix, x) - ball.centre))
+        shares.append(np.broadcast_to(_share(norm(force), slack)[:, None], force.shape))
+    return shares
+
+
+def _share(force: Array, slack: Array) -> Array:
+    """f²/(f² + s²), and 0 where both are 0."""
+    ratio = np.divide(slack, force, out=np.full(force.shape, np.inf), where=force > 0)
+    share: Array = 1.0 / (1.0 + np.square(ratio))
+    return share
+
+
+def _signed(programme: Programme, w: list[Array]) -> list[Array]:
+    """Multipliers without those of a side that has no bound."""
+    out = list(w)
+    for i, one in enumerate(programme.intervals):
+        out[i] = np.where(np.isfinite(one.upper), w[i], np.minimum(w[i], 0.0))
+        out[i] = np.where(np.isfinite(one.lower), out[i], np.maximum(out[i], 0.0))
+    return out
+
+
+def _freed(term: Term, z: Array, u: Array) -> Array:
+    """The columns of a term times how freely its duals move, (B, p, m)."""
+    if term.is_quadratic:
+        return term.columns
+    return term.acted(lambda rows: term.loss.freed(z, u, rows) + ROOM * rows)
 
 
 def _regular_inverse(gram: Array, taken: BoolArray) -> Array:
@@ -320,14 +394,13 @@ def _regular_inverse(gram: Array, taken: BoolArray) -> Array:
     part = np.where(keep[:, :, None] & keep[:, None, :], gram, 0.0)
     level = np.maximum(np.einsum("...ii->...i", part).max(axis=-1), 1e-300)
     part = part + np.where(keep, 1e-14, 1.0)[:, :, None] * np.eye(size) * level[:, None, None]
-    finite = np.isfinite(part).all(axis=(-2, -1))
-    inverse = np.linalg.inv(np.where(finite[:, None, None], part, np.eye(size)))
-    return np.asarray(np.where(keep[:, :, None] & keep[:, None, :], inverse, 0.0))
+    return np.where(keep[:, :, None] & keep[:, None, :], spd_inverse(part), 0.0)
 
 
 def _absorbs(programme: Programme, x: Array, left: Array) -> BoolArray:
-    """Coordinates at a bound whose multiplier −left has that bound's sign."""
-    at_upper, at_lower = x >= programme.upper, x <= programme.lower
+    """Coordinates near a bound whose multiplier −left has that bound's sign; how near counts in the gap."""
+    near = NEAR * (1 + np.abs(x))
+    at_upper, at_lower = x >= programme.upper - near, x <= programme.lower + near
     return (at_upper & (left <= 0)) | (at_lower & (left >= 0))
 
 

@@ -1,0 +1,129 @@
+"""From a linear problem, a loss, priors and constraints to a programme in standard form, a flat batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Array, BoolArray
+from ...constraints import BallRows, Constraint
+from ...errors import InputError
+from ...losses import Loss
+from ...numerics.programme import Ball, Interval, Programme, Term
+from ...parameters import Parameters
+from ...priors import Prior
+
+__all__ = ["Assembly", "assemble", "centre_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """A programme and what its parts are called.
+
+    Attributes
+    ----------
+    programme : Programme
+        The first term is the data; the others are the priors.
+    gaussian : tuple of int
+        Which terms are quadratic priors.
+    empty : ndarray of bool, shape (B,)
+        Members whose box is empty.
+    row_names, interval_names, ball_names : tuple of str
+        Of the terms and parts, for their duals.
+    box_name : str or None
+        None where there is no box.
+    """
+
+    programme: Programme
+    gaussian: tuple[int, ...]
+    empty: BoolArray
+    row_names: tuple[str, ...]
+    interval_names: tuple[str, ...]
+    ball_names: tuple[str, ...]
+    box_name: str | None
+
+
+def assemble(
+    loss: Loss,
+    matrix: Array,
+    rhs: Array,
+    size: int,
+    parameters: Parameters,
+    priors: Sequence[Prior],
+    constraints: Sequence[Constraint],
+) -> Assembly:
+    """The programme of (whitened) rows (..., m, p) with its priors and constraints, the batch made flat."""
+    batch = rhs.shape[:-1]
+    count = int(np.prod(batch))
+
+    def flat(array: Array, trailing: int) -> Array:
+        try:
+            wide = np.broadcast_to(array, (*batch, *array.shape[array.ndim - trailing :]))
+        except ValueError:
+            raise InputError(
+                f"a prior or bound has a batch of {array.shape[: array.ndim - trailing]}, the problem of {batch}"
+            ) from None
+        return wide.reshape(count, *array.shape[array.ndim - trailing :])
+
+    terms = [Term(loss, flat(matrix, 2), flat(rhs, 1), size)]
+    gaussian = []
+    for prior in priors:
+        for rows in prior.rows(parameters):
+            if prior.gaussian:
+                gaussian.append(len(terms))
+            terms.append(Term(rows.loss, flat(rows.matrix, 2), flat(rows.rhs, 1), rows.size))
+    lower = np.full((count, parameters.size), -np.inf)
+    upper = -lower
+    intervals, balls = [], []
+    names: dict[str, list[str]] = {
+        "rows": ["rows"] + ["prior"] * (len(terms) - 1),
+        "box": [],
+        "interval": [],
+        "ball": [],
+    }
+    parts = [part for constraint in constraints for part in constraint.rows(parameters)]
+    for part in parts:
+        if isinstance(part, BallRows):
+            balls.append(Ball(flat(part.matrix, 2), flat(part.centre, 1), flat(part.radius, 0)))
+            names["ball"].append(part.name)
+        elif part.is_box:
+            where = np.argmax(part.matrix, axis=-1)
+            lower[:, where] = np.maximum(lower[:, where], flat(part.lower, 1))
+            upper[:, where] = np.minimum(upper[:, where], flat(part.upper, 1))
+            names["box"] = names["box"] or [part.name]
+        else:
+            intervals.append(Interval(flat(part.matrix, 2), flat(part.lower, 1), flat(part.upper, 1)))
+            names["interval"].append(part.name)
+    empty = (lower > upper).any(axis=-1)
+    return Assembly(
+        Programme(tuple(terms), lower, upper, tuple(intervals), tuple(balls)),
+        tuple(gaussian),
+        np.asarray(empty),
+        *_numbered(names),
+    )
+
+
+def _numbered(
+    names: dict[str, list[str]],
+) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...], str | None]:
+    """The names of rows, intervals, balls and box, each once: the second "linear" becomes "linear.2"."""
+    seen: dict[str, int] = {}
+    out: dict[str, list[str]] = {}
+    for kind, several in names.items():
+        for name in several:
+            seen[name] = seen.get(name, 0) + 1
+            out.setdefault(kind, []).append(name if seen[name] == 1 else f"{name}.{seen[name]}")
+    rows, intervals, balls = (tuple(out.get(kind, ())) for kind in ("rows", "interval", "ball"))
+    return rows, intervals, balls, out["box"][0] if "box" in out else None
+
+
+def centre_of(parameters: Parameters, priors: Sequence[Prior], constraints: Sequence[Constraint]) -> Array:
+    """Where priors, then constraints, put the parameters without any measurement; zero where none says anything."""
+    centre = np.full(parameters.size, np.nan)
+    sources: list[Prior | Constraint] = [*priors, *constraints]
+    for source in sources:
+        other = source.centre(parameters)
+        centre = np.where(np.isnan(centre), other, centre)
+    return np.where(np.isnan(centre), 0.0, centre)

@@ -1,0 +1,40 @@
+"""A robust scale of rows whose noise is unknown."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...arrays import Array, matvec
+from ...errors import InputError
+from ...losses import L1
+from ...numerics.interior import solve_interior
+from ...numerics.programme import Programme, Term
+
+__all__ = ["mad_scale"]
+
+#: Standard deviation of a normal distribution over the median of its absolute value.
+NORMAL = 1.4826022185056018
+
+
+def mad_scale(matrix: Array, rhs: Array, name: str) -> Array:
+    r"""1.4826 times the median absolute residual of the L1 fit of rows (..., m, p), shape (...).
+
+    An L1 fit makes p residuals zero; they are left out. NaN where the fit fails, 1 where every residual is zero.
+
+    Raises
+    ------
+    InputError
+        If there are no more rows than unknowns.
+    """
+    rows, size = matrix.shape[-2:]
+    if rows <= size:
+        raise InputError(f"{name}: scale='mad' needs more than {size} equations, there are {rows}; give a number")
+    count = int(np.prod(rhs.shape[:-1]))
+    flat, right = matrix.reshape(count, rows, size), rhs.reshape(count, rows)
+    free = np.full((len(flat), size), np.inf)
+    scaled, length = Programme((Term(L1(), flat, right),), -free, free).scaled()
+    values = solve_interior(scaled).values / length
+    residual = np.sort(np.abs(matvec(flat, values) - right), axis=-1)[:, size:]
+    scale = NORMAL * np.median(residual, axis=-1)
+    zero = scale <= 1e-12 * np.abs(right).max(axis=-1)  # exact readings
+    return np.asarray(np.where(zero, 1.0, scale)).reshape(rhs.shape[:-1])

@@ -1,0 +1,189 @@
+r"""Covariance and influence of an estimate of the convex family, to first order about the answer.
+
+With data rows A (whitened), residuals z, :math:`H_d = A^T \psi'(z) A` and the curvature :math:`H_p` of
+normal priors, the answer moves by :math:`-K A^T\psi'\,dz`, where K is :math:`(H_d + H_p)^{-1}` with the active
+constraints kept as equations. Normal rows then leave the covariance
+
+.. math:: K \Bigl(\frac{E\psi^2}{E\psi'} H_d + H_p\Bigr) K ,
+
+which is :math:`(A^T A)^{-1}` for least squares, and Huber's asymptotic covariance with the observed curvature, so
+that rows beyond the threshold add no information.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Array, matvec, transpose
+from ...losses import Chebyshev, Loss
+from ...numerics.inverse import spd_inverse
+from ...numerics.lstsq import LstsqSolution
+from ...numerics.programme import Programme
+from ...problem import LinearProblem
+from .posed import Posed, in_batch
+from .routes import Answer
+
+__all__ = ["normal_moments", "uncertainty"]
+
+#: A multiplier above this share of the largest one holds its constraint as an equation.
+ACTIVE = 1e-9
+
+
+@lru_cache(maxsize=64)
+def normal_moments(loss: Loss, size: int) -> tuple[float, float]:
+    r""":math:`E\psi'` and :math:`E\psi^2` of one row, of standard normal blocks of `size` rows.
+
+    By the midpoint rule over the length r of a block, and Stein's identity
+    :math:`E\,\partial\psi_i/\partial z_i = E\,z_i\psi_i`.
+    """
+    d = size if loss.per == "pose" else 1
+    r = (np.arange(20000) + 0.5) * 5e-4
+    density = r ** (d - 1) * np.exp(-0.5 * np.square(r))
+    density /= density.sum()
+    blocks = np.zeros((len(r), 1, d))
+    blocks[:, 0, 0] = r
+    psi = loss.psi(blocks)[:, 0, 0]
+    return float((density * r * psi).sum() / d), float((density * np.square(psi)).sum() / d)
+
+
+def uncertainty(problem: LinearProblem, posed: Posed, answer: Answer, kind: str) -> dict[str, Any]:
+    """Covariance, its kind (or the reason for none) and influence.
+
+    `kind` names the covariance of rows in σ; "propagated" carries the noise of raw rows through the influence; the
+    empty kind has no noise to speak of.
+    """
+    assembly, batch = posed.assembly, problem.batch_shape
+    programme = assembly.programme
+    data = programme.terms[0]
+    loss: Any = data.loss
+    if isinstance(loss, Chebyshev):
+        return _none("the largest residual has no normal limit")
+    if set(range(1, len(programme.terms))) - set(assembly.gaussian):
+        return _none("a lasso is biased by design, and has no standard errors")
+    z = data.residual(answer.values)
+    slope, square = normal_moments(loss, data.size)
+    curved = data.acted((lambda rows: loss.curved(z, rows)) if loss.smooth else (lambda rows: slope * rows))
+    own = curved @ data.matrix
+    prior = np.zeros(own.shape)
+    for i in assembly.gaussian:
+        prior = prior + programme.terms[i].columns @ programme.terms[i].matrix
+    inner = _constrained_inverse(own + prior, programme, answer)
+    gain = in_batch(posed.undivided(inner @ curved), batch)
+    influence = problem.direct_gain(gain if posed.root is None else posed.root.after(gain))
+    covariance = inner @ (square / slope * own + prior) @ inner
+    return {"influence": influence if loss.smooth else None} | _covariance(
+        problem,
+        posed,
+        answer,
+        "posterior" if assembly.gaussian and kind != "propagated" else kind,
+        covariance,
+        influence,
+    )
+
+
+def least_squares_uncertainty(
+    problem: LinearProblem, posed: Posed, answer: Answer, known: LstsqSolution, kind: str
+) -> dict[str, Any]:
+    """The same for plain least squares, whose pseudo-inverse is known."""
+    gain = in_batch(posed.undivided(known.inverse), problem.batch_shape)
+    influence = problem.direct_gain(gain if posed.root is None else posed.root.after(gain))
+    covariance = known.inverse @ transpose(known.inverse)
+    return {"influence": influence} | _covariance(problem, posed, answer, kind, covariance, influence)
+
+
+def _covariance(
+    problem: LinearProblem, posed: Posed, answer: Answer, kind: str, covariance: Array, influence: Array
+) -> dict[str, Any]:
+    """The covariance by its kind: of rows in σ, with the error that all poses share, or propagated from raw rows."""
+    if problem.uncarried:
+        return _none(problem.uncarried)
+    if kind == "":
+        return _none("the rows are not whitened; use weights='model', or a scale")
+    if kind == "propagated":
+        propagated = _own_covariance(problem, answer).propagated(influence)
+        return {"covariance": propagated, "covariance_kind": "sandwich"}
+    covariance = in_batch(covariance, problem.batch_shape)
+    if not posed.shared and problem.noise is not None and posed.assembly.programme.terms[0].loss.smooth:
+        rows = _own_covariance(problem, answer)
+        if rows.common is not None:
+            common = np.einsum("...pni,...nir->...pr", influence, rows.common)
+            covariance = covariance + common @ transpose(common)
+    return {"covariance": covariance, "covariance_kind": kind}
+
+
+def _none(reason: str) -> dict[str, Any]:
+    return {"covariance": None, "covariance_kind": reason}
+
+
+def _own_covariance(problem: LinearProblem, answer: Answer) -> Any:
+    return problem.row_covariance(in_batch(answer.values, problem.batch_shape))
+
+
+def _constrained_inverse(hessian: Array, programme: Programme, answer: Answer) -> Array:
+    """K: the inverse with active constraints as equations, the upper left block of a KKT matrix; NaN where singular."""
+    size = programme.size
+    scale = np.sqrt(np.maximum(np.einsum("...ii->...i", hessian), 1e-300))
+    free = (answer.certificate.box == 0) & (programme.lower != programme.upper)
+    both = free[:, :, None] & free[:, None, :]
+    scaled = np.where(both, hessian / scale[:, :, None] / scale[:, None, :], np.eye(size))
+    normals = [
+        np.where((_active(w) | (part.lower == part.upper))[:, :, None], part.matrix, 0.0)
+        for part, w in zip(programme.intervals, answer.certificate.intervals, strict=True)
+    ]
+    normals += _ball_normals(programme, answer)
+    if not normals:
+        return np.where(both, _definite_inverse(scaled), 0.0) / scale[:, :, None] / scale[:, None, :]
+    rows = np.where(free[:, None, :], np.concatenate(normals, axis=-2) / scale[:, None, :], 0.0)
+    length = np.sqrt(np.einsum("...qp,...qp->...q", rows, rows))
+    rows = rows / np.where(length > 0, length, 1.0)[..., None]
+    corner = np.where(length > 0, 0.0, 1.0)[..., None] * np.eye(rows.shape[-2])
+    kkt = np.concatenate(
+        [
+            np.concatenate([scaled, transpose(rows)], axis=-1),
+            np.concatenate([rows, corner], axis=-1),
+        ],
+        axis=-2,
+    )
+    return np.where(both, _safe_inverse(kkt)[:, :size, :size], 0.0) / scale[:, :, None] / scale[:, None, :]
+
+
+def _definite_inverse(matrix: Array) -> Array:
+    """Inverses of a batch, NaN where a member is not positive definite beyond rounding."""
+    inverse = spd_inverse(matrix)
+    with np.errstate(invalid="ignore"):
+        good = np.asarray(
+            np.isfinite(inverse).all(axis=(-2, -1)) & (np.einsum("...ii->...i", inverse) > 0).all(axis=-1)
+        )
+    return np.where(good[:, None, None], inverse, np.nan)
+
+
+def _active(multipliers: Array) -> Any:
+    size = np.abs(multipliers)
+    return size > ACTIVE * (1 + size.max(axis=-1, keepdims=True, initial=0.0))
+
+
+def _ball_normals(programme: Programme, answer: Answer) -> list[Array]:
+    """The normal of each ball that holds the answer, zero where none does."""
+    out = []
+    for ball, force in zip(programme.balls, answer.certificate.balls, strict=True):
+        normal = matvec(transpose(ball.matrix), force)
+        held = np.sqrt(np.square(force).sum(axis=-1)) > ACTIVE
+        out.append(np.where(held[:, None], normal, 0.0)[:, None, :])
+    return out
+
+
+def _safe_inverse(matrix: Array) -> Array:
+    """Inverses of a batch of KKT matrices, NaN where a member is singular or not finite."""
+    finite = np.asarray(np.isfinite(matrix).all(axis=(-2, -1)))
+    safe = np.where(finite[:, None, None], matrix, np.eye(matrix.shape[-1]))
+    try:
+        inverse = np.linalg.inv(safe)
+    except np.linalg.LinAlgError:
+        inverse = np.full(matrix.shape, np.nan)
+        for i, one in enumerate(safe):
+            if np.linalg.matrix_rank(one) == len(one):
+                inverse[i] = np.linalg.inv(one)
+    return np.where(finite[:, None, None], inverse, np.nan)

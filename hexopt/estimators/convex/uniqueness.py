@@ -1,0 +1,87 @@
+"""Whether an answer is unique, and what of it the measurements did not decide."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...arrays import Array, BoolArray, matvec, norm
+from ...numerics.lstsq import null_combinations, rank_tolerance
+from ...numerics.lstsq import solve as solve_lstsq
+from ...numerics.programme import Programme
+from ...problem import LinearProblem
+from .assembly import Assembly
+from .routes import Answer
+
+__all__ = ["undecided", "unseen_by_rows", "unweighted_about"]
+
+#: Residuals below this (in σ) are at the kink of a loss, and duals above this share of it hold there.
+KINK = 1e-6
+
+
+def unseen_by_rows(problem: LinearProblem, member: int) -> tuple[str, ...]:
+    """The combinations that the rows of one member of the flat batch do not see, in words."""
+    matrix = problem.matrix.reshape(-1, *problem.matrix.shape[-2:])[member]
+    lost = np.broadcast_to(problem.cancellation, (*problem.batch_shape, problem.parameters.size))
+    vectors = null_combinations(matrix, lost.reshape(-1, problem.parameters.size)[member], threshold=0.05)
+    return tuple(problem.parameters.combination(vector, threshold=0.0) for vector in vectors)
+
+
+def unweighted_about(problem: LinearProblem, centre: Array) -> Array:
+    """The unweighted solution, nearest to a centre (..., p) in what the rows do not see."""
+    rows = problem.matrix.shape[-2]
+    if rows >= problem.parameters.size:
+        plain = solve_lstsq(problem.matrix, problem.rhs, problem.worst_cancellation, inverse=False)
+        if plain.full_rank.all():
+            return plain.values
+    scale = np.sqrt(np.einsum("...mp,...mp->...p", problem.matrix, problem.matrix))
+    scale[scale == 0] = 1.0
+    tolerance = rank_tolerance(*problem.matrix.shape[-2:]) * np.max(problem.worst_cancellation, initial=1.0)
+    inverse = np.linalg.pinv(problem.matrix / scale[..., None, :], rcond=tolerance)
+    change = matvec(inverse, problem.rhs - matvec(problem.matrix, centre)) / scale
+    return np.asarray(centre + change)
+
+
+def undecided(problem: LinearProblem, assembly: Assembly, answer: Answer, full: BoolArray) -> tuple[BoolArray, ...]:
+    """Members whose answer is not unique, and members of which the rows alone do not decide all, both (B,).
+
+    Beside the rows and normal priors (which have full rank where `full`), an entry is decided by an active bound
+    or by the kink of a lasso.
+    """
+    data = assembly.programme.terms[0]
+    rows, size = data.matrix.shape[-2:]
+    seen = np.zeros(len(full), dtype=bool)
+    if not assembly.gaussian:
+        seen = full
+    elif rows >= size:
+        lost = np.broadcast_to(problem.worst_cancellation, problem.batch_shape).reshape(-1)
+        seen = np.asarray(solve_lstsq(data.matrix, data.rhs, lost, inverse=False).full_rank)
+    loose = np.zeros(len(full), dtype=bool)
+    for member in np.flatnonzero(~full & answer.proven):
+        loose[member] = _rank_of(assembly.programme, answer, int(member)) < size
+    return loose, ~seen
+
+
+def _rank_of(programme: Programme, answer: Answer, member: int) -> int:
+    """The rank of all rows that pin the answer down."""
+    proof, x = answer.certificate, answer.values[member]
+    columns = np.sqrt(sum(np.square(term.matrix[member]).sum(axis=0) for term in programme.terms))
+    weak = KINK * (1 + max(np.abs(part[member]).max(initial=0.0) for part in proof.rows))  # a force that is rounding
+    fixed = programme.lower[member] == programme.upper[member]
+    parts = [np.eye(programme.size)[fixed | (np.abs(proof.box[member]) > weak * columns)]]
+    for number, term in enumerate(programme.terms):
+        matrix = term.matrix[member]
+        if number and not term.loss.smooth:
+            z, u = matrix @ x - term.rhs[member], proof.rows[number][member]
+            z, u = z.reshape(-1, term.size), u.reshape(-1, term.size)
+            held = (norm(z) <= KINK) & (norm(u) <= (1 - KINK) * term.loss.bound)
+            matrix = matrix[np.repeat(held, term.size)]
+        parts.append(matrix)
+    for part, force in zip(programme.intervals, proof.intervals, strict=True):
+        size = np.abs(force[member]) * norm(part.matrix[member] / np.where(columns > 0, columns, 1.0))
+        parts.append(part.matrix[member][(size > weak) | (part.lower[member] == part.upper[member])])
+    for ball, force in zip(programme.balls, proof.balls, strict=True):
+        if norm(matvec(ball.matrix[member].T, force[member]) / np.where(columns > 0, columns, 1.0)) > weak:
+            parts.append(ball.matrix[member])
+    stacked = np.concatenate(parts)
+    length = norm(stacked.T)
+    return int(np.linalg.matrix_rank(stacked / np.where(length > 0, length, 1.0)))

@@ -1,0 +1,141 @@
+"""Times the convex family against cvxpy, statsmodels and SciPy, problem by problem, in the same run on one thread."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+
+import cvxpy as cp
+import numpy as np
+import pandas as pd
+
+import hexopt as hx
+
+#: Rows, unknowns and rows a pose: Type I consecutive at N = 15, and its direct form.
+SHAPES = ((42, 6, 3), (45, 9, 3))
+HUBER, GROUP = 1.345, 2.5
+RADIUS = 0.05  # of the box, so that about half of the problems touch it
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def rows(n_problems: int, m: int, p: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened random rows around the solution zero, 5 % of their poses bad by 10 to 100 σ."""
+    rng = np.random.default_rng(seed)
+    matrix = rng.normal(size=(n_problems, m, p))
+    noise = rng.normal(size=(n_problems, m // 3, 3))
+    bad = rng.uniform(size=(n_problems, m // 3)) < 0.05
+    noise[bad] += rng.normal(size=(int(bad.sum()), 3)) * rng.uniform(10, 100, size=(int(bad.sum()), 1))
+    return matrix, noise.reshape(n_problems, m)
+
+
+def programmes(m: int, p: int) -> dict[str, tuple[object, Callable[[cp.Expression], cp.Expression], bool]]:
+    """Each estimator beside the same objective in cvxpy, and whether it has a box."""
+    parameters = hx.Parameters((hx.Block("x", p, "cm"),))
+    assert parameters.size == p
+    box = hx.Box({"x": (-RADIUS, RADIUS)})
+
+    def family(loss: hx.Quadratic, **settings: object) -> hx.ConvexEstimator:
+        return hx.ConvexEstimator(loss, weights=None, scale=1.0, **settings)
+
+    def blocks(z: cp.Expression) -> cp.Expression:
+        return cp.norm(cp.reshape(z, (m // 3, 3), order="C"), 2, axis=1)
+
+    def least(z: cp.Expression) -> cp.Expression:
+        return 0.5 * cp.sum_squares(z)
+
+    return {
+        "Quadratic": (family(hx.Quadratic()), least, False),
+        "Quadratic, values and gap only": (family(hx.Quadratic(), covariance=False), least, False),
+        "LeastSquares, values and gap only": (hx.LeastSquares(covariance=False), least, False),
+        "Quadratic in a box": (family(hx.Quadratic(), bounds=box), least, True),
+        "Huber": (family(hx.Huber(HUBER)), lambda z: 0.5 * cp.sum(cp.huber(z, HUBER)), False),
+        "GroupHuber": (family(hx.GroupHuber(GROUP)), lambda z: 0.5 * cp.sum(cp.huber(blocks(z), GROUP)), False),
+        "L1": (family(hx.L1()), cp.norm1, False),
+        "Chebyshev": (family(hx.Chebyshev()), cp.norm_inf, False),
+    }
+
+
+def against_cvxpy(n_problems: int, repeats: int) -> pd.DataFrame:
+    """A batch of hexopt against re-solves of one cvxpy problem with parameters (DPP) by Clarabel at its defaults."""
+    table = []
+    for m, p, size in SHAPES:
+        matrix, rhs = rows(n_problems, m, p, seed=1)
+        problem = hx.LinearProblem(matrix, rhs, hx.Parameters((hx.Block("x", p, "cm"),)), rows_per_block=size)
+        few = max(n_problems // 100, 10)
+        a, y, x = cp.Parameter((m, p)), cp.Parameter(m), cp.Variable(p)
+        for name, (estimator, objective, boxed) in programmes(m, p).items():
+            sides = [x >= -RADIUS, x <= RADIUS] if boxed else []
+            posed = cp.Problem(cp.Minimize(objective(a @ x - y)), sides)
+            assert posed.is_dpp()
+
+            def slow(posed: cp.Problem = posed, a: cp.Parameter = a, y: cp.Parameter = y) -> None:
+                for one, right in zip(matrix[:few], rhs[:few], strict=True):
+                    a.value, y.value = one, right
+                    posed.solve(solver=cp.CLARABEL)
+
+            def fast(estimator: object = estimator) -> hx.Estimate:
+                return hx.estimate(problem, estimator)
+
+            slow()
+            proven = float(np.mean(fast().ok))
+            pairs = [(_seconds(slow) / few, _seconds(fast) / n_problems) for _ in range(repeats)]
+            table.append(
+                {
+                    "rows × unknowns": f"{m} × {p}",
+                    "estimator": name,
+                    "cvxpy, µs": 1e6 * statistics.median(one for one, _ in pairs),
+                    "hexopt, µs": 1e6 * statistics.median(two for _, two in pairs),
+                    "ratio (median of pairs)": statistics.median(one / two for one, two in pairs),
+                    "proven": proven,
+                }
+            )
+    return pd.DataFrame(table)
+
+
+def against_loops(n_problems: int, repeats: int) -> pd.DataFrame:
+    """A batch of hexopt against loops over statsmodels' RLM (Huber) and SciPy's lsq_linear (box)."""
+    import statsmodels.api as sm
+    from scipy.optimize import lsq_linear
+
+    m, p, size = SHAPES[0]
+    matrix, rhs = rows(n_problems, m, p, seed=2)
+    problem = hx.LinearProblem(matrix, rhs, hx.Parameters((hx.Block("x", p, "cm"),)), rows_per_block=size)
+    few = max(n_problems // 50, 10)
+
+    def huber() -> None:
+        for one, right in zip(matrix[:few], rhs[:few], strict=True):
+            sm.RLM(right, one, M=sm.robust.norms.HuberT(HUBER)).fit()
+
+    def box() -> None:
+        for one, right in zip(matrix[:few], rhs[:few], strict=True):
+            lsq_linear(one, right, (-RADIUS, RADIUS))
+
+    robust = hx.ConvexEstimator(hx.Huber(HUBER), weights=None, scale="mad")
+    boxed = hx.ConvexEstimator(bounds=hx.Box({"x": (-RADIUS, RADIUS)}), weights=None, scale=1.0)
+    table = []
+    for peer, work, estimator in (
+        ("statsmodels RLM, Huber, scale by MAD", huber, robust),
+        ("scipy lsq_linear, box", box, boxed),
+    ):
+
+        def fast(estimator: hx.ConvexEstimator = estimator) -> hx.Estimate:
+            return hx.estimate(problem, estimator)
+
+        work()
+        fast()
+        pairs = [(_seconds(work) / few, _seconds(fast) / n_problems) for _ in range(repeats)]
+        table.append(
+            {
+                "peer": peer,
+                "peer, µs": 1e6 * statistics.median(one for one, _ in pairs),
+                "hexopt, µs": 1e6 * statistics.median(two for _, two in pairs),
+                "ratio (median of pairs)": statistics.median(one / two for one, two in pairs),
+            }
+        )
+    return pd.DataFrame(table)
