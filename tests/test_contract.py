@@ -31,6 +31,53 @@ def test_convex(estimator):
     check_estimator(estimator, exactness=1e-7, tolerance=1e-5)
 
 
+@pytest.mark.parametrize("backend", ["auto", "clarabel", "cvxpy"])
+@pytest.mark.parametrize("loss", [hx.Huber(), hx.GroupHuber(), hx.L1(), hx.GroupL1(), hx.Chebyshev()], ids=repr)
+def test_losses_of_the_family(loss, backend):
+    """Losses per row see the axes of the frames, so that a turn changes their answer; losses per pose do not."""
+    claims = [claim for claim in CLAIMS if claim != "frame" or loss.per == "pose"]
+    nonsmooth = {} if loss.smooth else {"exactness": 1e-6, "tolerance": 1e-4}
+    check_estimator(
+        hx.ConvexEstimator(loss, backend=backend), claims=claims, **({"exactness": 1e-7, "tolerance": 1e-4} | nonsmooth)
+    )
+
+
+def near(name, width=0.5):
+    """A nominal near the truth of leg 3, as an argument of priors and bounds."""
+    return hx.robots.left_hand().leg(3).replaced(**{name: hx.robots.left_hand().leg(3).block(name) + 0.01 * width})
+
+
+HELD = [
+    {"prior": hx.GaussianPrior.around(near("base_point"), 0.1)},
+    {"prior": hx.Ridge.around(near("base_point"), 100.0)},
+    {"prior": hx.Lasso.around(near("base_point"), 10.0)},
+    {"prior": hx.Lasso.around(near("base_point"), 10.0, by="entry")},
+    {"bounds": hx.Box.around(near("base_point"), 0.001)},
+    {"bounds": hx.Ball.around(near("base_point"), 0.001)},
+    {"bounds": hx.Linear({"platform_point": [1.0, 1.0, 0.0]}, lower=-100.0, upper=6.77)},
+    {"bounds": hx.Linear({"platform_point": [0.0, 0.0, 1.0]}, equal=0.0)},
+]
+
+
+@pytest.mark.parametrize("loss", [hx.Quadratic(), hx.GroupHuber()], ids=repr)
+@pytest.mark.parametrize("settings", HELD, ids=lambda settings: type(next(iter(settings.values()))).__name__)
+def test_priors_and_bounds_of_the_family(loss, settings):
+    """They stay where they are when frames and units move, and make up for missing poses."""
+    for kind, lock in ((hx.loops.FixedDirection, "direction"), (hx.loops.FixedLeg, "leg")):
+        check_estimator(
+            hx.ConvexEstimator(loss, **settings),
+            lambda data, kind=kind: kind(data).linear(),
+            lock=lock,
+            claims=("order",),
+            tolerance=1e-4,
+        )
+
+
+@pytest.mark.parametrize("inner", [hx.LeastSquares(weights="model"), hx.ConvexEstimator(hx.GroupHuber())], ids=repr)
+def test_reweighted(inner):
+    check_estimator(hx.Reweighted(inner), exactness=1e-7, tolerance=1e-3)
+
+
 @pytest.mark.parametrize("estimator", KINEMATIC, ids=repr)
 @pytest.mark.parametrize("unknown", [2, 3, 4])
 def test_inverse_kinematics(estimator, unknown):

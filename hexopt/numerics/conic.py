@@ -96,7 +96,8 @@ def solve_conic(programme: Programme) -> Solution:
     rows = [_rows(one) for one in _sides(chosen)]
     engine = _Engine(_pattern(chosen, rows))
     for start in range(0, len(todo), CHUNK):
-        part = _solve_chunk(chosen.take(slice(start, start + CHUNK)), rows, engine)
+        with np.errstate(all="ignore"):  # a member whose numbers overflow fails
+            part = _solve_chunk(chosen.take(slice(start, start + CHUNK)), rows, engine)
         _put(out, todo[start : start + CHUNK], part)
     out.values[~out.converged] = np.nan
     return out

@@ -40,8 +40,11 @@ def check_estimator(
     - *batch*: a batch equals its members;
     - *certificate*: a success has finite values, a gap of at most 1e-8·(1 + \|objective\|) or NaN, and a
       covariance that is one, of a named kind, or a reason for none;
+    - *proof*: where the estimator has a method ``certificate(target, found)``, it passes the estimator's own
+      answers, and neither a tampered nor a NaN one;
     - *throw*: ``estimate(…, throw=)`` raises or returns as documented, a wrong target says what to write;
-    - *few*: too few poses are a one-line :class:`~hexopt.HexoptError`, whatever `throw` is;
+    - *few*: too few poses are a one-line :class:`~hexopt.HexoptError`, whatever `throw` is, unless a prior or
+      bounds make the answer unique, and ``found.decided`` says so;
     - *value*: the estimator pickles, equals its copy, and its repr evaluates to it.
 
     Where the estimator claims it:
@@ -135,5 +138,6 @@ def _default_targets(estimator: Estimator) -> Iterator[tuple[str, Lock, TargetFa
         lock = loop.locks[0]
         if issubclass(LinearProblem, estimator.accepts) and loop is not LegLength:
             yield f"{loop.__name__}.linear()", lock, linear(loop)
-        if issubclass(loop, estimator.accepts):
+        linear_only = loop is LegLength and issubclass(LinearProblem, estimator.accepts)  # its unknowns are not linear
+        if issubclass(loop, estimator.accepts) and not linear_only:
             yield loop.__name__, lock, loop

@@ -24,7 +24,7 @@ __all__ = ["CLAIMS", "COMMON", "Suite", "TargetFactory"]
 
 #: What an estimator may or may not promise; the other contracts hold for all.
 CLAIMS = ("exact", "order", "scale", "frame", "rank")
-COMMON = ("input", "repeat", "batch", "certificate", "throw", "few", "value")
+COMMON = ("input", "repeat", "batch", "certificate", "proof", "throw", "few", "value")
 GAP = 1e-8  # how close to the best objective a success must prove to be
 N_SETS, BAD = 4, 2  # sets in a batch, and the one that is spoilt
 KINDS = ("sandwich", "model", "residual", "posterior")
@@ -169,9 +169,27 @@ class Suite:
             f"covariance_kind {found.covariance_kind!r} is none of {', '.join(KINDS)}"
         )
         scale = np.sqrt(np.abs(np.diagonal(found.covariance, axis1=-2, axis2=-1)))
+        scale = np.where(scale > 0, scale, 1.0)  # a fixed parameter has no variance
         scaled = found.covariance / scale[..., :, None] / scale[..., None, :]
         assert np.abs(scaled - np.swapaxes(scaled, -1, -2)).max() < 1e-6, "the covariance is not symmetric"
         assert np.linalg.eigvalsh(scaled).min() > -1e-6, "the covariance has a negative eigenvalue"
+
+    def _proof(self) -> None:
+        """An estimator that certifies must pass its own answer, and catch one that was tampered with."""
+        certify = getattr(self.estimator, "certificate", None)
+        if certify is None:
+            return
+        target = self.factory(self.sets())
+        found = self.estimator.fit(target)
+        assert np.all(certify(target, found).ok), "its certificate refuses its own answer"
+        values = np.array(found.values)
+        values[BAD] *= 1 + 1e-3
+        ok = certify(target, replace(found, values=values)).ok
+        passed = [i for i in range(N_SETS) if ok[i]]
+        others = [i for i in range(N_SETS) if i != BAD]
+        assert passed == others, f"with member {BAD} tampered with, the certificate passes {passed}, not {others}"
+        values[BAD] = np.nan
+        assert not certify(target, replace(found, values=values)).ok[BAD], "its certificate passes NaN"
 
     def _throw(self) -> None:
         data = self.sets()
@@ -188,8 +206,15 @@ class Suite:
         data = self.sets().poses([0])
         for throw in (None, False):
             error = _raised(HexoptError, data, self.estimator, throw, self.factory)
-            assert error is not None, f"one pose is too few, and throw={throw} raises nothing"
-            assert "\n" not in str(error), f"the error for a single pose has several lines: {str(error)!r}"
+            if error is None:  # priors and bounds may decide; where they do not, the members fail
+                found = estimate(self.factory(data), self.estimator, throw=False)
+                honest = found.decided or not np.any(found.ok)
+                assert honest, f"one pose is too few, and throw={throw} raises nothing"
+                error = _raised(HexoptError, data[0], self.estimator, True, self.factory)
+                assert error is not None or found.decided, "one pose is too few, and throw=True raises nothing"
+            assert error is None or "\n" not in str(error), (
+                f"the error for a single pose has several lines: {str(error)!r}"
+            )
 
     def _value(self) -> None:
         assert pickle.loads(pickle.dumps(self.estimator)) == self.estimator, "it does not equal its pickled copy"

@@ -332,6 +332,29 @@ def test_an_exact_fit():
     assert (check(programme, found) < 1e-20).all()
 
 
+@pytest.mark.parametrize("name", LOSSES)
+def test_what_no_row_sees_is_left_anywhere(name):
+    """A column of zeros and one that repeats another: the answer is not unique, and still optimal."""
+    programme = draw(*LOSSES[name])
+    programme.terms[0].matrix[:, :, 0] = 0.0
+    programme.terms[0].matrix[:, :, 1] = programme.terms[0].matrix[:, :, 2]
+    check(programme, solve_conic(programme))
+
+
+def test_what_the_box_fixes_is_exact():
+    programme = draw(Huber())
+    programme.lower[:, :3] = programme.upper[:, :3] = 2.0
+    found = solve_conic(programme)
+    check(programme, found)
+    np.testing.assert_array_equal(found.values[:, :3], 2.0)
+
+
+def test_numbers_that_overflow_cost_their_member():
+    programme = draw(Quadratic())
+    programme.terms[0].rhs[1] = 1e200
+    np.testing.assert_array_equal(solve_conic(programme).converged, [True, False, True, True])
+
+
 def test_zero_is_an_answer():
     programme = draw(L1())
     programme.terms[0].rhs[:] = 0.0
