@@ -202,7 +202,7 @@ class Huber(Loss):
         return self.threshold
 
     def rho(self, z: Array) -> Array:
-        """z²/2, or t|z| − t²/2."""
+        """z²/2, or ``t|z| − t²/2``."""
         size = np.abs(z)
         near = np.minimum(size, self.threshold)
         return near * (size - 0.5 * near)
@@ -216,7 +216,7 @@ class Huber(Loss):
         return (np.abs(z) <= self.threshold).astype(float)
 
     def conjugate(self, u: Array) -> Array:
-        """u²/2 for |u| ≤ t."""
+        """u²/2 for ``|u| ≤ t``."""
         return np.where(np.abs(u) <= self.threshold, 0.5 * np.square(u), np.inf)
 
     def expression(self, z: Any) -> Any:
@@ -226,13 +226,13 @@ class Huber(Loss):
         return 0.5 * cp.sum(cp.huber(z, self.threshold))
 
     def excess(self, z: Array, u: Array) -> Array:
-        """½(z − u)² within the threshold, δ(|z| − t) + δ²/2 with δ = t − u sign z beyond it."""
+        """½(z − u)² within the threshold, ``δ(|z| − t) + δ²/2`` with δ = t − u sign z beyond it."""
         beyond = np.maximum(np.abs(z) - self.threshold, 0.0)
         apart = np.clip(z, -self.threshold, self.threshold) - u
         return np.einsum("...kd,...kd->...", np.abs(apart), 0.5 * np.abs(apart) + beyond)
 
     def shrink(self, u: Array) -> Array:
-        """t over the largest |u|, where that is above t."""
+        """t over the largest ``|u|``, where that is above t."""
         return np.minimum(1.0, self.threshold / np.maximum(np.abs(u).max(axis=(-2, -1)), 1e-300))
 
 
@@ -281,10 +281,9 @@ class GroupHuber(Loss):
 
     def curved(self, z: Array, rows: Array) -> Array:
         """w (rows − ẑ ẑᵀ rows) beyond the threshold."""
-        size = np.maximum(norm(z), 1e-300)
-        inside = size <= self.threshold
-        weight = np.where(inside, 1.0, self.threshold / size)
-        unit = z * np.where(inside, 0.0, 1.0 / size)[..., None]
+        size = norm(z)
+        weight = self.threshold / np.maximum(size, self.threshold)
+        unit = z * (np.where(size <= self.threshold, 0.0, weight) / self.threshold)[..., None]
         radial = np.einsum("...kd,...kdp->...kp", unit, rows)
         out = rows - unit[..., None] * radial[..., None, :]
         out *= weight[..., None, None]
@@ -338,7 +337,7 @@ class L1(Loss):
         return self.scale
 
     def rho(self, z: Array) -> Array:
-        """s|z|."""
+        """``s|z|``."""
         return self.scale * np.abs(z)
 
     def psi(self, z: Array) -> Array:
@@ -350,7 +349,7 @@ class L1(Loss):
         return np.zeros(z.shape)
 
     def conjugate(self, u: Array) -> Array:
-        """0 for |u| ≤ s."""
+        """0 for ``|u| ≤ s``."""
         return np.where(np.abs(u) <= self.scale, 0.0, np.inf)
 
     def expression(self, z: Any) -> Any:
@@ -360,15 +359,15 @@ class L1(Loss):
         return self.scale * cp.sum(cp.abs(z))
 
     def excess(self, z: Array, u: Array) -> Array:
-        """|z|(s − u sign z)."""
+        """``|z|(s − u sign z)``."""
         return np.einsum("...kd,...kd->...", np.abs(z), self.scale - np.sign(z) * u)
 
     def shrink(self, u: Array) -> Array:
-        """s over the largest |u|, where that is above s."""
+        """s over the largest ``|u|``, where that is above s."""
         return np.minimum(1.0, self.scale / np.maximum(np.abs(u).max(axis=(-2, -1)), 1e-300))
 
     def freed(self, z: Array, u: Array, rows: Array) -> Array:
-        """Rows times the share by which |u| stays below s."""
+        """Rows times the share by which ``|u|`` stays below s."""
         return np.maximum(1 - np.abs(u) / self.scale, 0.0)[..., None] * rows
 
 
@@ -450,11 +449,11 @@ class Chebyshev(Loss):
 
     @property
     def bound(self) -> float:
-        """1, of the sum of |u|."""
+        """1, of the sum of ``|u|``."""
         return 1.0
 
     def rho(self, z: Array) -> Array:
-        """max |z|, shape (...)."""
+        """``max |z|``, shape (...)."""
         return np.abs(z).max(axis=(-2, -1))
 
     def psi(self, z: Array) -> Array:
@@ -476,7 +475,7 @@ class Chebyshev(Loss):
         raise InputError("Chebyshev has no weights: it is no sum over rows")
 
     def conjugate(self, u: Array) -> Array:
-        """0 for Σ|u| ≤ 1."""
+        """0 for ``Σ|u| ≤ 1``."""
         return np.where(np.abs(u).sum(axis=(-2, -1)) <= 1.0, 0.0, np.inf)
 
     def expression(self, z: Any) -> Any:
@@ -486,18 +485,18 @@ class Chebyshev(Loss):
         return cp.max(cp.abs(z))
 
     def excess(self, z: Array, u: Array) -> Array:
-        """Σ|u|(max|z| − z sign u) + (1 − Σ|u|) max|z|."""
+        """``Σ|u|(max|z| − z sign u) + (1 − Σ|u|) max|z|``."""
         top = self.rho(z)
         below = top[..., None, None] - np.sign(u) * z
         rest = np.maximum(1 - np.abs(u).sum(axis=(-2, -1)), 0.0)
         return np.einsum("...kd,...kd->...", np.abs(u), below) + rest * top
 
     def shrink(self, u: Array) -> Array:
-        """One over Σ|u|, where that is above 1."""
+        """One over ``Σ|u|``, where that is above 1."""
         return 1.0 / np.maximum(np.abs(u).sum(axis=(-2, -1)), 1.0)
 
     def freed(self, z: Array, u: Array, rows: Array) -> Array:
-        """Rows times |u| as a share of the largest: what is zero stays zero."""
+        """Rows times ``|u|`` as a share of the largest: what is zero stays zero."""
         size = np.abs(u)
         share = size / np.maximum(size.max(axis=(-2, -1), keepdims=True), 1e-300)
         return share[..., None] * rows

@@ -309,7 +309,7 @@ class Lasso(_Deviation):
         return cls({name: centre for name, (centre, _) in points.items()}, strength, unit, if_present=True, by=by)
 
     def rows(self, parameters: Parameters) -> list[PriorRows]:
-        """Rows x − μ under λ|·|, or under λ‖·‖ of each block."""
+        """Rows x − μ under ``λ|·|``, or under λ‖·‖ of each block."""
         loss: Loss = GroupL1(self.strength) if self.by == "joint" else L1(self.strength)
         return [
             PriorRows(loss, pick, mean, len(pick) if self.by == "joint" else 1)

@@ -213,7 +213,7 @@ class Estimate:
         """A readable report: values, units, standard errors, fit and certificate."""
         if self.batch_shape:
             return self._batch_summary()
-        lines = [f"{self.estimator}: {Status(int(self.codes)).name}"]
+        lines = [f"{_shortened(self.estimator)}: {Status(int(self.codes)).name}"]
         lines += [f"  unseen: {combination}" for combination in self.unseen]
         lines += [f"  decided by the prior or bounds, not by the measurements: {one}" for one in self.decided]
         errors = None if self.covariance is None else self.standard_errors
@@ -241,12 +241,16 @@ class Estimate:
     def _batch_summary(self) -> str:
         counts = {status.name: int((self.codes == status).sum()) for status in Status}
         text = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
-        lines = [f"{self.estimator}: a batch of {self.batch_shape}: {text}"]
+        lines = [f"{_shortened(self.estimator)}: a batch of {self.batch_shape}: {text}"]
         good = self.values[self.codes == Status.OPTIMAL]
         if len(good):
             for label, mean, spread in zip(self.parameters.labels, good.mean(axis=0), good.std(axis=0), strict=True):
                 lines.append(f"  {label:<20s} mean {mean: .6f}, spread {spread:.3g}")
         return "\n".join(lines)
+
+
+def _shortened(text: str, length: int = 100) -> str:
+    return text if len(text) <= length else text[: length - 1] + "…"
 
 
 class Estimator(Protocol):

@@ -33,10 +33,12 @@ TargetFactory = Callable[[LegMeasurements], Any]
 
 
 class _Names(Mapping[str, Any]):
-    """What a repr may speak of: the names of the estimator's module, of hexopt, and of NumPy."""
+    """What a repr may speak of: the names of the modules of the estimator and its settings, of hexopt, and of NumPy."""
 
-    def __init__(self, module: str) -> None:
-        self.places = [sys.modules[module], sys.modules["hexopt"], np]
+    def __init__(self, estimator: Any) -> None:
+        parts = [estimator, *vars(estimator).values()]
+        homes = dict.fromkeys(type(part).__module__ for part in parts)
+        self.places = [*(sys.modules[home] for home in homes), sys.modules["hexopt"], np]
 
     def __getitem__(self, name: str) -> Any:
         for place in self.places:
@@ -219,7 +221,7 @@ class Suite:
     def _value(self) -> None:
         assert pickle.loads(pickle.dumps(self.estimator)) == self.estimator, "it does not equal its pickled copy"
         text = repr(self.estimator)
-        again = eval(text, {}, _Names(type(self.estimator).__module__))
+        again = eval(text, {}, _Names(self.estimator))
         assert again == self.estimator, f"{text} evaluates to something else"
 
     # --- contracts that an estimator may claim ----------------------------------------------------

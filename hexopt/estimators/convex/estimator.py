@@ -14,14 +14,14 @@ from ...constraints import Constraint
 from ...errors import InputError
 from ...losses import Loss, Quadratic
 from ...numerics.lstsq import LstsqSolution
-from ...numerics.programme import Solution, certify
+from ...numerics.programme import Solution
 from ...priors import Prior
 from ...problem import LinearProblem
 from ...result import Certificate, Estimate, Status
 from ..least_squares import check_rows, degrees_of_freedom, linear_uncertainty, unseen_combinations
 from .posed import Posed, Settings, in_batch, posed, reference
 from .posing import pose
-from .routes import BACKENDS, Answer, closed_form, proven, solve
+from .routes import BACKENDS, Answer, closed_form, judged, solve
 from .uncertainty import least_squares_uncertainty, uncertainty
 from .uniqueness import undecided, unseen_by_rows
 
@@ -33,7 +33,7 @@ class ConvexEstimator:
     r"""A convex programme in the whitened residuals, with priors and constraints, and a proof of its answer.
 
     .. math:: \min_x \sum_i \rho\bigl(W_i(A_i x - y_i)/s\bigr) + \sum_k \pi_k(x)
-              \quad\text{subject to}\quad x \in X_1 \cap X_2 \cap \dots
+              \quad\text{subject to}\quad x \in X_1 \cap X_2 \cap \ldots
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class ConvexEstimator:
 
     Notes
     -----
-    Every success carries a gap ≤ 1e-8·(1 + |objective|), computed from the returned point and balanced duals,
+    Every success carries a gap ≤ ``1e-8·(1 + |objective|)``, computed from the returned point and balanced duals,
     whatever solver found it; smooth losses are moreover within 1e-6 σ of the optimum. ``found.duals`` holds the
     forces: "rows" (one a row, ψ of smooth losses), and one entry a constraint, positive where its upper bound holds.
     With fewer poses than unknowns a prior or bounds may make the answer unique: ``found.unseen`` then names what they
@@ -142,7 +142,7 @@ class ConvexEstimator:
         """
         if problem.batch_shape:
             raise InputError(f"cvxpy_problem takes one problem, got a batch of {problem.batch_shape}")
-        return pose(posed(problem, self._settings).assembly.programme, 0).problem
+        return pose(posed(problem, self._settings, raw_unit=True).assembly.programme, 0).problem
 
     def certificate(self, problem: LinearProblem, found: Estimate) -> Certificate:
         """What is proven of an estimate's values, computed afresh from the problem.
@@ -160,8 +160,8 @@ class ConvexEstimator:
             np.zeros(count, dtype=np.int64),
             **_witness(made, found, count),
         )
-        proof = certify(scaled, solution)
-        good = proven(scaled, solution.values, scaled.objective(solution.values), proof) & finite
+        answer = judged(scaled, solution)
+        proof, good = answer.certificate, answer.proven & finite
         return Certificate(
             gap=np.where(finite, proof.gap * made.unit, np.nan).reshape(batch),
             primal_residual=np.where(finite, proof.primal_residual, np.nan).reshape(batch),

@@ -80,8 +80,8 @@ def in_batch(array: Any, batch: tuple[int, ...]) -> Any:
     return array.reshape((*batch, *array.shape[1:]))
 
 
-def posed(target: LinearProblem, settings: Settings) -> Posed:
-    """Check, weight, scale and assemble."""
+def posed(target: LinearProblem, settings: Settings, *, raw_unit: bool = False) -> Posed:
+    """Check, weight, scale and assemble; raw rows in units of their right-hand side, unless in their own."""
     loss = settings.loss
     if loss.per == "pose" and not isinstance(target.form, Direct):
         raise InputError(f"{loss!r} looks at whole poses: use the direct form, loop.linear(form='direct')")
@@ -89,9 +89,11 @@ def posed(target: LinearProblem, settings: Settings) -> Posed:
     root = _root(target, settings, shared=shared)
     matrix, rhs = target.whitened_by(root)
     divisor = _divisor(settings, matrix, rhs, target.name)
+    raw = settings.weights is None and settings.scale is None
+    if raw and raw_unit:
+        divisor = np.ones(divisor.shape)
     if (divisor != 1).any():
         matrix, rhs = matrix / divisor[..., None, None], rhs / divisor[..., None]
-    raw = settings.weights is None and settings.scale is None
     assembly = assemble(
         loss,
         matrix,

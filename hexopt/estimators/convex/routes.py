@@ -18,7 +18,7 @@ from ...numerics.polish import polish
 from ...numerics.programme import Certificate, Programme, Solution, certify
 from .posing import solve_cvxpy
 
-__all__ = ["BACKENDS", "Answer", "closed_form", "proven", "solve"]
+__all__ = ["BACKENDS", "Answer", "closed_form", "judged", "solve"]
 
 #: A solver of scaled programmes, from a start that it may use.
 Route = Callable[[Programme, Array], Solution]
@@ -139,15 +139,31 @@ def _posed(programme: Programme, start: Array) -> Solution:
 def _tried(route: Route, programme: Programme, start: Array, condition: Array) -> Answer:
     """One route on scaled members; the ill-conditioned ones in an orthonormal basis where no constraint forbids it."""
     solution = route(programme, start)
-    answer = _certified(programme, solution)
+    answer = judged(programme, solution)
     if route in (_direct, _posed) and not answer.proven.all():
-        answer = _merged(answer, _certified(programme, polish(programme, solution)), np.arange(programme.batch))
+        answer = _merged(answer, judged(programme, polish(programme, solution)), np.arange(programme.batch))
     bad = np.flatnonzero(np.asarray(condition > ILL_CONDITIONED) & np.isfinite(condition) & ~answer.proven)
     if not programme.is_free or len(bad) == 0:
         return answer
-    basis, forth, back = _orthonormal(programme.take(bad))
-    better = _certified(basis, route(basis, matvec(forth, start[bad])))
-    return _merged(answer, replace(better, values=matvec(back, better.values)), bad)
+    part = programme.take(bad)
+    basis, forth, back = _orthonormal(part)
+    solution = route(basis, matvec(forth, start[bad]))
+    return _merged(answer, judged(part, replace(solution, values=matvec(back, solution.values))), bad)
+
+
+def judged(programme: Programme, solution: Solution) -> Answer:
+    """A solution with its certificate; what that does not prove is looked at again where columns are orthonormal."""
+    answer = _certified(programme, solution)
+    finite = np.isfinite(solution.values).all(axis=-1)
+    left = np.flatnonzero(finite & ~answer.proven)
+    if not programme.is_free or len(left) == 0:
+        return answer
+    values = solution.values[left]
+    about = programme.take(left).about(values)  # residuals are those of the values themselves
+    basis, _, _ = _orthonormal(about)
+    rows = None if solution.rows is None else tuple(part[left] for part in solution.rows)
+    at = Solution(np.zeros(values.shape), solution.converged[left], 0 * solution.iterations[left], rows)
+    return _merged(answer, replace(_certified(basis, at), values=values), left)
 
 
 def _certified(programme: Programme, solution: Solution) -> Answer:
@@ -156,11 +172,11 @@ def _certified(programme: Programme, solution: Solution) -> Answer:
     certificate = certify(programme, inside)
     objective = programme.objective(inside.values)
     infeasible = np.zeros(len(finite), dtype=bool) if solution.infeasible is None else solution.infeasible
-    good = proven(programme, inside.values, objective, certificate) & finite
+    good = _proven(programme, inside.values, objective, certificate) & finite
     return Answer(solution.values, objective, certificate, good, infeasible & ~good, solution.iterations)
 
 
-def proven(programme: Programme, values: Array, objective: Array, certificate: Certificate) -> BoolArray:
+def _proven(programme: Programme, values: Array, objective: Array, certificate: Certificate) -> BoolArray:
     """Whether a certificate proves its point of a scaled programme."""
     allowed = GAP * (1 + np.abs(objective))
     if newton_solves(programme):

@@ -4,10 +4,11 @@ With data rows A (whitened), residuals z, :math:`H_d = A^T \psi'(z) A` and the c
 normal priors, the answer moves by :math:`-K A^T\psi'\,dz`, where K is :math:`(H_d + H_p)^{-1}` with the active
 constraints kept as equations. Normal rows then leave the covariance
 
-.. math:: K \Bigl(\frac{E\psi^2}{E\psi'} H_d + H_p\Bigr) K ,
+.. math:: K (\overline{\psi^2} A^T A + H_p) K ,\quad
+          \overline{\psi^2} = \max\Bigl(E\psi^2, \frac{\sum\psi^2}{m - \mathrm{tr}\,K H_d}\Bigr)
 
-which is :math:`(A^T A)^{-1}` for least squares, and Huber's asymptotic covariance with the observed curvature, so
-that rows beyond the threshold add no information.
+which is :math:`(A^T A)^{-1}` for least squares, and Huber's asymptotic covariance with the observed curvature: rows
+beyond the threshold add no information, and their forces add variance.
 """
 
 from __future__ import annotations
@@ -73,7 +74,12 @@ def uncertainty(problem: LinearProblem, posed: Posed, answer: Answer, kind: str)
     inner = _constrained_inverse(own + prior, programme, answer)
     gain = in_batch(posed.undivided(inner @ curved), batch)
     influence = problem.direct_gain(gain if posed.root is None else posed.root.after(gain))
-    covariance = inner @ (square / slope * own + prior) @ inner
+    if data.is_quadratic:
+        covariance = inner
+    else:
+        used = np.einsum("...pq,...qp->...", inner, own)
+        force = _mean_square(answer.certificate.rows[0], used, square)
+        covariance = inner @ (force[:, None, None] * (data.columns @ data.matrix) + prior) @ inner
     return {"influence": influence if loss.smooth else None} | _covariance(
         problem,
         posed,
@@ -82,6 +88,13 @@ def uncertainty(problem: LinearProblem, posed: Posed, answer: Answer, kind: str)
         covariance,
         influence,
     )
+
+
+def _mean_square(forces: Array, used: Array, expected: float) -> Array:
+    """The mean square of forces (B, m), of which the fit used up so many, but no less than of standard normal rows."""
+    left = forces.shape[-1] - used
+    observed = np.square(forces).sum(axis=-1) / np.maximum(left, 0.5)
+    return np.where(left > 0.5, np.maximum(observed, expected), expected)
 
 
 def least_squares_uncertainty(

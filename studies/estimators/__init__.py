@@ -1,0 +1,1 @@
+"""Estimators on identical data: the convex family against the paper's least squares."""
