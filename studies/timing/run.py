@@ -16,6 +16,7 @@ import pandas as pd
 
 import hexopt as hx
 from studies.harness.task import single_threaded
+from studies.timing.convex import against_cvxpy, against_loops
 from studies.timing.plain_loop import plain_loop
 
 ERR = 0.01
@@ -37,7 +38,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     chosen.out.mkdir(parents=True, exist_ok=True)
     with single_threaded():
         table = against_plain_loop(chosen.sets, chosen.repeats)
-    _show(table, chosen.out / "plain_loop.csv")
+        _show(table, chosen.out / "plain_loop.csv")
+        _show(against_cvxpy(chosen.sets, chosen.repeats), chosen.out / "convex.csv")
+        _show(against_loops(chosen.sets, chosen.repeats), chosen.out / "loops.csv")
     if chosen.whole:
         _show(growth(chosen.repeats), chosen.out / "growth.csv")
     return 0

@@ -160,7 +160,10 @@ def _constrained_inverse(hessian: Array, programme: Programme, answer: Answer) -
         ],
         axis=-2,
     )
-    return np.where(both, _safe_inverse(kkt)[:, :size, :size], 0.0) / scale[:, :, None] / scale[:, None, :]
+    block = _safe_inverse(kkt)[:, :size, :size]
+    fixed = np.einsum("...ii->...i", block) <= 1e-12  # of one: what the equations leave is rounding
+    both &= ~(fixed[:, :, None] | fixed[:, None, :])
+    return np.where(both, block, 0.0) / scale[:, :, None] / scale[:, None, :]
 
 
 def _definite_inverse(matrix: Array) -> Array:
