@@ -267,6 +267,8 @@ class Certificate:
         The largest violation of a constraint.
     dual_residual : ndarray, shape (B,)
         The largest imbalance that is left of the duals.
+    imbalance : ndarray, shape (B, p)
+        What is left, entry by entry.
     rows, box, intervals, balls
         The balanced duals.
     """
@@ -274,6 +276,7 @@ class Certificate:
     gap: Array
     primal_residual: Array
     dual_residual: Array
+    imbalance: Array
     rows: tuple[Array, ...]
     box: Array
     intervals: tuple[Array, ...]
@@ -300,6 +303,7 @@ def certify(programme: Programme, solution: Solution) -> Certificate:
     u = [shrink[:, None, None] * part for part in u]
     w = [shrink[:, None] * part for part in w]
     box = shrink[:, None] * box
+    left = shrink[:, None] * left + box
     gap = np.asarray(sum(t.loss.excess(a, b) for t, a, b in zip(programme.terms, z, u, strict=True)))
     gap = gap + _slackness(box, x, programme.lower, programme.upper)
     violation = _violation(x, programme.lower, programme.upper)
@@ -316,7 +320,8 @@ def certify(programme: Programme, solution: Solution) -> Certificate:
     return Certificate(
         gap,
         np.maximum(violation, 0.0),
-        np.abs(shrink[:, None] * left + box).max(axis=-1),
+        np.abs(left).max(axis=-1, initial=0.0),
+        left,
         tuple(part.reshape(term.rhs.shape) for term, part in zip(programme.terms, u, strict=True)),
         box,
         tuple(w[:count]),

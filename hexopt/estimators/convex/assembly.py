@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ...arrays import Array, BoolArray
+from ...arrays import Array, BoolArray, norm
 from ...constraints import BallRows, Constraint
 from ...errors import InputError
 from ...losses import Loss
 from ...numerics.programme import Ball, Interval, Programme, Term
 from ...parameters import Parameters
-from ...priors import Prior
+from ...priors import Prior, PriorRows
 
 __all__ = ["Assembly", "assemble", "centre_of"]
 
@@ -73,7 +74,11 @@ def assemble(
         for rows in prior.rows(parameters):
             if prior.gaussian:
                 gaussian.append(len(terms))
-            terms.append(Term(rows.loss, flat(rows.matrix, 2), flat(rows.rhs, 1), rows.size))
+            unit = _row_unit(matrix, rows)
+            own: Any = rows.loss
+            if unit != 1:
+                own = replace(own, scale=own.bound * unit)
+            terms.append(Term(own, flat(rows.matrix / unit, 2), flat(rows.rhs / unit, 1), rows.size))
     lower = np.full((count, parameters.size), -np.inf)
     upper = -lower
     intervals, balls = [], []
@@ -103,6 +108,19 @@ def assemble(
         np.asarray(empty),
         *_numbered(names),
     )
+
+
+def _row_unit(matrix: Array, rows: PriorRows) -> float:
+    """The size of a nonsmooth prior's rows beside the data's, by which rows and strength are exchanged; else 1.
+
+    λ‖x − μ‖ = (λs)‖(x − μ)/s‖: with s the answer of solvers does not depend on the unit of x.
+    """
+    if rows.loss.curvature != 0:
+        return 1.0
+    columns = np.sqrt(np.square(matrix).sum(axis=-2)).reshape(-1, matrix.shape[-1])
+    columns = np.median(columns, axis=0) if len(columns) else np.ones(matrix.shape[-1])
+    size = np.median(norm(rows.matrix / np.where(columns > 0, columns, 1.0)))
+    return float(size) if size > 0 else 1.0
 
 
 def _numbered(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -13,6 +14,7 @@ from ...arrays import as_array
 from ...constraints import Constraint
 from ...errors import InputError
 from ...losses import Loss, Quadratic
+from ...numerics.forms import Consecutive
 from ...numerics.lstsq import LstsqSolution
 from ...numerics.programme import Solution
 from ...priors import Prior
@@ -113,8 +115,8 @@ class ConvexEstimator:
             object.__setattr__(self, "weights", _nested(weights.tolist()))
         elif self.weights not in (None, "model"):
             raise InputError(f"weights: expected None, 'model' or an array, got {self.weights!r}")
-        number = isinstance(self.scale, (int, float)) and not isinstance(self.scale, bool)
-        if self.scale not in (None, "mad") and not (number and 0 < float(self.scale) < np.inf):
+        number = isinstance(self.scale, Real) and not isinstance(self.scale, bool)
+        if not (self.scale is None or self.scale == "mad" or (number and 0 < float(self.scale) < np.inf)):
             raise InputError(f"scale: expected None, 'mad' or a number > 0, got {self.scale!r}")
         if self.backend not in BACKENDS:
             raise InputError(f"backend: expected {', '.join(map(repr, BACKENDS))}; got {self.backend!r}")
@@ -160,7 +162,8 @@ class ConvexEstimator:
             np.zeros(count, dtype=np.int64),
             **_witness(made, found, count),
         )
-        answer = judged(scaled, solution)
+        known = reference(made.assembly, np.broadcast_to(problem.worst_cancellation, batch).reshape(-1), inverse=False)
+        answer = judged(scaled, solution, np.asarray(known.condition))
         proof, good = answer.certificate, answer.proven & finite
         return Certificate(
             gap=np.where(finite, proof.gap * made.unit, np.nan).reshape(batch),
@@ -184,6 +187,7 @@ class ConvexEstimator:
         answer = replace(answer, values=np.where(good, answer.values, np.nan))
         freedom = degrees_of_freedom(target)
         freedom += sum(made.assembly.programme.terms[i].rhs.shape[-1] for i in made.assembly.gaussian)
+        freedom -= made.dropped
         certificate = answer.certificate
         return Estimate(
             values=in_batch(answer.values, batch),
@@ -261,6 +265,9 @@ class ConvexEstimator:
     def _first_order(self, target: LinearProblem, made: Posed, answer: Answer, known: LstsqSolution) -> dict[str, Any]:
         if not self.covariance:
             return {"covariance": None, "covariance_kind": "not asked for (covariance=False)"}
+        if self.scale is not None and isinstance(target.form, Consecutive):
+            reason = "a scale says nothing of how consecutive rows are correlated; use the direct form"
+            return {"covariance": None, "covariance_kind": reason}
         if self.scale is not None:
             kind = "residual" if self.scale == "mad" else "model"
         elif isinstance(self.weights, str):
@@ -294,12 +301,13 @@ def _nested(value: Any) -> Any:
 
 def _duals(made: Posed, answer: Answer) -> dict[str, Any]:
     """The duals of a certificate by name."""
-    proof, assembly = answer.certificate, made.assembly
-    named = dict(zip(assembly.row_names, proof.rows, strict=True))
+    proof, assembly, unit = answer.certificate, made.assembly, made.unit[:, None]
+    named = {name: part * unit for name, part in zip(assembly.row_names, proof.rows, strict=True)}
+    named["rows"] = proof.rows[0] * (made.unit / made.divisor)[:, None] if made.is_raw else proof.rows[0]
     if assembly.box_name:
-        named[assembly.box_name] = proof.box
-    named |= dict(zip(assembly.interval_names, proof.intervals, strict=True))
-    named |= dict(zip(assembly.ball_names, proof.balls, strict=True))
+        named[assembly.box_name] = proof.box * unit
+    named |= {name: part * unit for name, part in zip(assembly.interval_names, proof.intervals, strict=True)}
+    named |= {name: part * unit for name, part in zip(assembly.ball_names, proof.balls, strict=True)}
     return named
 
 
@@ -308,7 +316,8 @@ def _witness(made: Posed, found: Estimate, count: int) -> dict[str, Any]:
 
     def flat(name: str) -> Any:
         dual = np.nan_to_num(found.duals[name])
-        return dual.reshape(count, dual.shape[-1])
+        unit = made.unit / made.divisor if name == "rows" and made.is_raw else made.unit
+        return dual.reshape(count, dual.shape[-1]) / unit[:, None]
 
     parts: dict[str, Any] = {
         "intervals": tuple(flat(name) for name in made.assembly.interval_names),

@@ -48,6 +48,10 @@ class Posed:
         The objective of the problem over that of the programme.
     shared : bool
         Whether the whitening holds the error that all poses share.
+    is_raw : bool
+        Whether rows have neither weights nor scale, so that the divisor is their unit only.
+    dropped : int
+        How many rows have the weight zero in all members.
     """
 
     assembly: Assembly
@@ -55,6 +59,8 @@ class Posed:
     divisor: Array
     unit: Array
     shared: bool
+    is_raw: bool
+    dropped: int
 
     def undivided(self, gain: Array) -> Array:
         """A gain on divided rows, (B, p, m), as one on the weighted rows."""
@@ -104,7 +110,11 @@ def posed(target: LinearProblem, settings: Settings, *, raw_unit: bool = False) 
         settings.constraints,
     )
     unit = divisor ** (loss.degree or 0) if raw else np.ones(divisor.shape)
-    return Posed(assembly, root, divisor.reshape(-1), unit.reshape(-1), shared)
+    dropped = 0
+    if settings.weights is not None and not isinstance(settings.weights, str):
+        weights = np.broadcast_to(np.asarray(settings.weights), target.rhs.shape)
+        dropped = int((weights == 0).all(axis=tuple(range(weights.ndim - 1))).sum())
+    return Posed(assembly, root, divisor.reshape(-1), unit.reshape(-1), shared, raw, dropped)
 
 
 def _root(target: LinearProblem, settings: Settings, *, shared: bool) -> Whitening | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...arrays import Array, BoolArray, matvec
 from ...errors import InputError
+from ...losses import Quadratic
 from ...numerics.conic import conic_solves, solve_conic
 from ...numerics.interior import interior_solves, solve_interior
 from ...numerics.lstsq import LstsqSolution
@@ -99,11 +100,20 @@ def closed_form(programme: Programme, known: LstsqSolution) -> Answer:
     ends = np.cumsum([term.rhs.shape[-1] for term in programme.terms])
     rows = tuple(np.split(known.residual[:, : ends[-1]], ends[:-1], axis=-1))
     allowed = np.minimum(GAP * (1 + known.objective), 0.5 * DEVIATION**2 * np.maximum(1.0, known.objective))
-    zero = np.zeros(full.shape)
+    zero, nothing = np.zeros(full.shape), np.zeros(known.values.shape)
     return Answer(
         known.values,
         known.objective,
-        Certificate(known.gap, zero, known.imbalance, rows, np.zeros(known.values.shape), (), ()),
+        Certificate(
+            known.gap,
+            zero,
+            known.imbalance,
+            nothing,
+            rows,
+            nothing,
+            (),
+            (),
+        ),
         full & (known.gap <= allowed),
         np.zeros(full.shape, dtype=bool),
         np.zeros(full.shape, dtype=np.int64),
@@ -133,37 +143,66 @@ def _direct(programme: Programme, start: Array) -> Solution:
 
 
 def _posed(programme: Programme, start: Array) -> Solution:
-    return solve_cvxpy(programme)
+    """By cvxpy, whose word that a member is infeasible counts only if Clarabel's proof of it holds."""
+    solution = solve_cvxpy(programme)
+    doubted = np.flatnonzero(np.zeros(0) if solution.infeasible is None else solution.infeasible)
+    infeasible = np.zeros(programme.batch, dtype=bool)
+    if len(doubted):
+        part = programme.take(doubted)
+        plain = replace(part, terms=tuple(replace(term, loss=Quadratic()) for term in part.terms))
+        infeasible[doubted] = np.asarray(solve_conic(plain).infeasible)
+    return replace(solution, infeasible=infeasible)
 
 
 def _tried(route: Route, programme: Programme, start: Array, condition: Array) -> Answer:
     """One route on scaled members; the ill-conditioned ones in an orthonormal basis where no constraint forbids it."""
     solution = route(programme, start)
-    answer = judged(programme, solution)
+    answer = judged(programme, solution, condition)
     if route in (_direct, _posed) and not answer.proven.all():
-        answer = _merged(answer, judged(programme, polish(programme, solution)), np.arange(programme.batch))
+        polished = judged(programme, polish(programme, solution), condition)
+        answer = _merged(answer, polished, np.arange(programme.batch))
     bad = np.flatnonzero(np.asarray(condition > ILL_CONDITIONED) & np.isfinite(condition) & ~answer.proven)
     if not programme.is_free or len(bad) == 0:
         return answer
     part = programme.take(bad)
     basis, forth, back = _orthonormal(part)
     solution = route(basis, matvec(forth, start[bad]))
-    return _merged(answer, judged(part, replace(solution, values=matvec(back, solution.values))), bad)
+    return _merged(answer, judged(part, replace(solution, values=matvec(back, solution.values)), condition[bad]), bad)
 
 
-def judged(programme: Programme, solution: Solution) -> Answer:
-    """A solution with its certificate; what that does not prove is looked at again where columns are orthonormal."""
+def judged(programme: Programme, solution: Solution, condition: Array) -> Answer:
+    """A solution with its certificate, which is taken in orthonormal columns where the rows are ill-conditioned.
+
+    There the imbalance that rounding leaves of the duals counts in σ of the rows; in ill-conditioned columns a tiny
+    one may stand for a large distance.
+    """
     answer = _certified(programme, solution)
     finite = np.isfinite(solution.values).all(axis=-1)
-    left = np.flatnonzero(finite & ~answer.proven)
-    if not programme.is_free or len(left) == 0:
+    ill = finite & ~(condition <= ILL_CONDITIONED)
+    again = np.flatnonzero(ill | (finite & ~answer.proven)) if programme.is_free else np.flatnonzero(ill)
+    if len(again) == 0:
         return answer
-    values = solution.values[left]
-    about = programme.take(left).about(values)  # residuals are those of the values themselves
-    basis, _, _ = _orthonormal(about)
-    rows = None if solution.rows is None else tuple(part[left] for part in solution.rows)
-    at = Solution(np.zeros(values.shape), solution.converged[left], 0 * solution.iterations[left], rows)
-    return _merged(answer, replace(_certified(basis, at), values=values), left)
+    if not programme.is_free:
+        return replace(answer, proven=_balanced_in_rows(programme, answer, again))
+    values = solution.values[again]
+    basis, _, _ = _orthonormal(programme.take(again).about(values))  # residuals are those of the values themselves
+    rows = None if solution.rows is None else tuple(part[again] for part in solution.rows)
+    at = Solution(np.zeros(values.shape), solution.converged[again], 0 * solution.iterations[again], rows)
+    second = replace(_certified(basis, at), values=values)
+    return _merged(replace(answer, proven=answer.proven & ~ill), second, again)
+
+
+def _balanced_in_rows(programme: Programme, answer: Answer, which: Any) -> BoolArray:
+    """Whether members that are proven stay so when their imbalance counts as rows u with Aᵀu = imbalance."""
+    proven = answer.proven.copy()
+    stacked = np.concatenate([term.matrix[which] for term in programme.terms], axis=-2)
+    _, s, vt = np.linalg.svd(stacked, full_matrices=False)
+    along = matvec(vt, answer.certificate.imbalance[which])
+    seen = s > 1e-15 * s[:, :1]
+    rows = np.sqrt(np.square(np.divide(along, s, out=np.zeros(s.shape), where=seen)).sum(axis=-1))
+    size = np.sqrt(1 + 2 * answer.objective[which])
+    proven[which] &= rows * size <= GAP * (1 + answer.objective[which])
+    return proven
 
 
 def _certified(programme: Programme, solution: Solution) -> Answer:
@@ -173,6 +212,14 @@ def _certified(programme: Programme, solution: Solution) -> Answer:
     objective = programme.objective(inside.values)
     infeasible = np.zeros(len(finite), dtype=bool) if solution.infeasible is None else solution.infeasible
     good = _proven(programme, inside.values, objective, certificate) & finite
+    if not finite.all():
+        objective = np.where(finite, objective, np.nan)
+        certificate = replace(
+            certificate,
+            gap=np.where(finite, certificate.gap, np.nan),
+            primal_residual=np.where(finite, certificate.primal_residual, np.nan),
+            dual_residual=np.where(finite, certificate.dual_residual, np.nan),
+        )
     return Answer(solution.values, objective, certificate, good, infeasible & ~good, solution.iterations)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from ...arrays import Array, matvec
@@ -34,7 +36,10 @@ def mad_scale(matrix: Array, rhs: Array, name: str) -> Array:
     free = np.full((len(flat), size), np.inf)
     scaled, length = Programme((Term(L1(), flat, right),), -free, free).scaled()
     values = solve_interior(scaled).values / length
-    residual = np.sort(np.abs(matvec(flat, values) - right), axis=-1)[:, size:]
-    scale = NORMAL * np.median(residual, axis=-1)
+    residual = np.abs(matvec(flat, values) - right)
+    residual[(flat == 0).all(axis=-1) & (right == 0)] = np.nan  # rows of weight zero; they sort last
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a member of which nothing is left has no scale
+        scale = NORMAL * np.nanmedian(np.sort(residual, axis=-1)[:, size:], axis=-1)
     zero = scale <= 1e-12 * np.abs(right).max(axis=-1)  # exact readings
     return np.asarray(np.where(zero, 1.0, scale)).reshape(rhs.shape[:-1])

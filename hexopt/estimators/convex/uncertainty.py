@@ -13,7 +13,6 @@ beyond the threshold add no information, and their forces add variance.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,18 +21,15 @@ from ...arrays import Array, matvec, transpose
 from ...losses import Chebyshev, Loss
 from ...numerics.inverse import spd_inverse
 from ...numerics.lstsq import LstsqSolution
-from ...numerics.programme import Programme
+from ...numerics.programme import Programme, Term
 from ...problem import LinearProblem
 from .posed import Posed, in_batch
 from .routes import Answer
+from .uniqueness import holding
 
 __all__ = ["normal_moments", "uncertainty"]
 
-#: A multiplier above this share of the largest one holds its constraint as an equation.
-ACTIVE = 1e-9
 
-
-@lru_cache(maxsize=64)
 def normal_moments(loss: Loss, size: int) -> tuple[float, float]:
     r""":math:`E\psi'` and :math:`E\psi^2` of one row, of standard normal blocks of `size` rows.
 
@@ -72,11 +68,15 @@ def uncertainty(problem: LinearProblem, posed: Posed, answer: Answer, kind: str)
     for i in assembly.gaussian:
         prior = prior + programme.terms[i].columns @ programme.terms[i].matrix
     inner = _constrained_inverse(own + prior, programme, answer)
+    share = _seen_share(data, z, slope)
     gain = in_batch(posed.undivided(inner @ curved), batch)
     influence = problem.direct_gain(gain if posed.root is None else posed.root.after(gain))
     if data.is_quadratic:
         covariance = inner
     else:
+        own = share[:, None, None] * own
+        if (share < 1).any():
+            inner = _constrained_inverse(own + prior, programme, answer)
         used = np.einsum("...pq,...qp->...", inner, own)
         force = _mean_square(answer.certificate.rows[0], used, square)
         covariance = inner @ (force[:, None, None] * (data.columns @ data.matrix) + prior) @ inner
@@ -88,6 +88,19 @@ def uncertainty(problem: LinearProblem, posed: Posed, answer: Answer, kind: str)
         covariance,
         influence,
     )
+
+
+def _seen_share(data: Term, z: Array, expected: float) -> Array:
+    """How much of the observed curvature counts, (B,): not more than normal rows have on average.
+
+    Rows that a fit with a small threshold interpolates are no evidence that rows are near.
+    """
+    loss: Any = data.loss
+    if not loss.smooth or data.is_quadratic:
+        return np.ones(len(z))
+    slope = loss.psi_prime(z)
+    total = slope.sum(axis=(-2, -1)) if loss.per == "row" else np.einsum("...kii->...", slope)
+    return np.minimum(1.0, expected * data.rhs.shape[-1] / np.maximum(total, 1e-300))
 
 
 def _mean_square(forces: Array, used: Array, expected: float) -> Array:
@@ -119,7 +132,7 @@ def _covariance(
         propagated = _own_covariance(problem, answer).propagated(influence)
         return {"covariance": propagated, "covariance_kind": "sandwich"}
     covariance = in_batch(covariance, problem.batch_shape)
-    if not posed.shared and problem.noise is not None and posed.assembly.programme.terms[0].loss.smooth:
+    if not posed.shared and problem.noise is not None:
         rows = _own_covariance(problem, answer)
         if rows.common is not None:
             common = np.einsum("...pni,...nir->...pr", influence, rows.common)
@@ -139,17 +152,18 @@ def _constrained_inverse(hessian: Array, programme: Programme, answer: Answer) -
     """K: the inverse with active constraints as equations, the upper left block of a KKT matrix; NaN where singular."""
     size = programme.size
     scale = np.sqrt(np.maximum(np.einsum("...ii->...i", hessian), 1e-300))
-    free = (answer.certificate.box == 0) & (programme.lower != programme.upper)
-    both = free[:, :, None] & free[:, None, :]
+    box, intervals, balls = holding(programme, answer)
+    both = ~box[:, :, None] & ~box[:, None, :]
     scaled = np.where(both, hessian / scale[:, :, None] / scale[:, None, :], np.eye(size))
     normals = [
-        np.where((_active(w) | (part.lower == part.upper))[:, :, None], part.matrix, 0.0)
-        for part, w in zip(programme.intervals, answer.certificate.intervals, strict=True)
+        np.where(held[:, :, None], part.matrix, 0.0) for part, held in zip(programme.intervals, intervals, strict=True)
     ]
-    normals += _ball_normals(programme, answer)
+    for ball, force, held in zip(programme.balls, answer.certificate.balls, balls, strict=True):
+        normal = np.where(held[:, None], matvec(transpose(ball.matrix), force), 0.0)
+        normals.append(normal[:, None, :])
     if not normals:
         return np.where(both, _definite_inverse(scaled), 0.0) / scale[:, :, None] / scale[:, None, :]
-    rows = np.where(free[:, None, :], np.concatenate(normals, axis=-2) / scale[:, None, :], 0.0)
+    rows = np.where(~box[:, None, :], np.concatenate(normals, axis=-2) / scale[:, None, :], 0.0)
     length = np.sqrt(np.einsum("...qp,...qp->...q", rows, rows))
     rows = rows / np.where(length > 0, length, 1.0)[..., None]
     corner = np.where(length > 0, 0.0, 1.0)[..., None] * np.eye(rows.shape[-2])
@@ -174,21 +188,6 @@ def _definite_inverse(matrix: Array) -> Array:
             np.isfinite(inverse).all(axis=(-2, -1)) & (np.einsum("...ii->...i", inverse) > 0).all(axis=-1)
         )
     return np.where(good[:, None, None], inverse, np.nan)
-
-
-def _active(multipliers: Array) -> Any:
-    size = np.abs(multipliers)
-    return size > ACTIVE * (1 + size.max(axis=-1, keepdims=True, initial=0.0))
-
-
-def _ball_normals(programme: Programme, answer: Answer) -> list[Array]:
-    """The normal of each ball that holds the answer, zero where none does."""
-    out = []
-    for ball, force in zip(programme.balls, answer.certificate.balls, strict=True):
-        normal = matvec(transpose(ball.matrix), force)
-        held = np.sqrt(np.square(force).sum(axis=-1)) > ACTIVE
-        out.append(np.where(held[:, None], normal, 0.0)[:, None, :])
-    return out
 
 
 def _safe_inverse(matrix: Array) -> Array:

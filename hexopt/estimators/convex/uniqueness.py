@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from ...arrays import Array, BoolArray, matvec, norm
+from ...arrays import Array, BoolArray, matvec, norm, transpose
 from ...numerics.lstsq import null_combinations, rank_tolerance
 from ...numerics.lstsq import solve as solve_lstsq
 from ...numerics.programme import Programme
@@ -12,7 +14,7 @@ from ...problem import LinearProblem
 from .assembly import Assembly
 from .routes import Answer
 
-__all__ = ["undecided", "unseen_by_rows", "unweighted_about"]
+__all__ = ["holding", "undecided", "unseen_by_rows", "unweighted_about"]
 
 #: Residuals below this (in σ) are at the kink of a loss, and duals above this share of it hold there.
 KINK = 1e-6
@@ -56,32 +58,48 @@ def undecided(problem: LinearProblem, assembly: Assembly, answer: Answer, full: 
         lost = np.broadcast_to(problem.worst_cancellation, problem.batch_shape).reshape(-1)
         seen = np.asarray(solve_lstsq(data.matrix, data.rhs, lost, inverse=False).full_rank)
     loose = np.zeros(len(full), dtype=bool)
+    held = holding(assembly.programme, answer)
     for member in np.flatnonzero(~full & answer.proven):
-        loose[member] = _rank_of(assembly.programme, answer, int(member)) < size
+        loose[member] = _rank_of(assembly.programme, answer, held, int(member)) < size
     return loose, ~seen
 
 
-def _rank_of(programme: Programme, answer: Answer, member: int) -> int:
+def holding(programme: Programme, answer: Answer) -> tuple[BoolArray, list[BoolArray], list[BoolArray]]:
+    """Which bounds of the box (B, p), rows of intervals (B, q) and balls (B,) hold the answers.
+
+    Those whose force, in columns of unit length, is more than rounding beside the forces of the rows; and equations.
+    """
+    proof = answer.certificate
+    columns = np.sqrt(sum(np.einsum("...mp,...mp->...p", term.matrix, term.matrix) for term in programme.terms))
+    columns = np.where(columns > 0, columns, 1.0)
+    weak = KINK * (1 + np.max([np.abs(part).max(axis=-1, initial=0.0) for part in proof.rows], axis=0))[:, None]
+    box = (np.abs(proof.box) > weak * columns) | (programme.lower == programme.upper)
+    intervals = [
+        (np.abs(force) * norm(part.matrix / columns[:, None, :]) > weak) | (part.lower == part.upper)
+        for part, force in zip(programme.intervals, proof.intervals, strict=True)
+    ]
+    balls = [
+        norm(matvec(transpose(ball.matrix), force) / columns) > weak[:, 0]
+        for ball, force in zip(programme.balls, proof.balls, strict=True)
+    ]
+    return np.asarray(box), [np.asarray(part) for part in intervals], [np.asarray(part) for part in balls]
+
+
+def _rank_of(programme: Programme, answer: Answer, held: tuple[Any, ...], member: int) -> int:
     """The rank of all rows that pin the answer down."""
-    proof, x = answer.certificate, answer.values[member]
-    columns = np.sqrt(sum(np.square(term.matrix[member]).sum(axis=0) for term in programme.terms))
-    weak = KINK * (1 + max(np.abs(part[member]).max(initial=0.0) for part in proof.rows))  # a force that is rounding
-    fixed = programme.lower[member] == programme.upper[member]
-    parts = [np.eye(programme.size)[fixed | (np.abs(proof.box[member]) > weak * columns)]]
+    x = answer.values[member]
+    box, intervals, balls = held
+    parts = [np.eye(programme.size)[box[member]]]
     for number, term in enumerate(programme.terms):
         matrix = term.matrix[member]
         if number and not term.loss.smooth:
-            z, u = matrix @ x - term.rhs[member], proof.rows[number][member]
+            z, u = matrix @ x - term.rhs[member], answer.certificate.rows[number][member]
             z, u = z.reshape(-1, term.size), u.reshape(-1, term.size)
-            held = (norm(z) <= KINK) & (norm(u) <= (1 - KINK) * term.loss.bound)
-            matrix = matrix[np.repeat(held, term.size)]
+            kink = (norm(z) <= KINK) & (norm(u) <= (1 - KINK) * term.loss.bound)
+            matrix = matrix[np.repeat(kink, term.size)]
         parts.append(matrix)
-    for part, force in zip(programme.intervals, proof.intervals, strict=True):
-        size = np.abs(force[member]) * norm(part.matrix[member] / np.where(columns > 0, columns, 1.0))
-        parts.append(part.matrix[member][(size > weak) | (part.lower[member] == part.upper[member])])
-    for ball, force in zip(programme.balls, proof.balls, strict=True):
-        if norm(matvec(ball.matrix[member].T, force[member]) / np.where(columns > 0, columns, 1.0)) > weak:
-            parts.append(ball.matrix[member])
+    parts += [part.matrix[member][rows[member]] for part, rows in zip(programme.intervals, intervals, strict=True)]
+    parts += [ball.matrix[member] for ball, one in zip(programme.balls, balls, strict=True) if one[member]]
     stacked = np.concatenate(parts)
     length = norm(stacked.T)
     return int(np.linalg.matrix_rank(stacked / np.where(length > 0, length, 1.0)))
