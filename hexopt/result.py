@@ -15,6 +15,7 @@ from .errors import EstimationError, InputError, RankDeficientError, UnitError
 from .geometry import LENGTH_UNITS, Leg
 from .geometry.leg import LEG_BLOCKS
 from .parameters import Parameters
+from .summaries import summary_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -211,46 +212,7 @@ class Estimate:
 
     def summary(self) -> str:
         """A readable report: values, units, standard errors, fit and certificate."""
-        if self.batch_shape:
-            return self._batch_summary()
-        lines = [f"{_shortened(self.estimator)}: {Status(int(self.codes)).name}"]
-        lines += [f"  unseen: {combination}" for combination in self.unseen]
-        lines += [f"  decided by the prior or bounds, not by the measurements: {one}" for one in self.decided]
-        errors = None if self.covariance is None else self.standard_errors
-        position = 0
-        for block in self.parameters:
-            for label in block.labels:
-                sure = "" if errors is None else f" ± {errors[position]:.3g}"
-                note = "  (nuisance)" if block.nuisance else ""
-                lines.append(f"  {label:<20s} {self.values[position]: .6f}{sure} {block.unit}{note}")
-                position += 1
-        lines.append(
-            f"  ± is one standard error ({self.covariance_kind} covariance)"
-            if errors is not None
-            else f"  no standard errors: {self.covariance_kind}"
-        )
-        fit = f"  degrees of freedom {self.degrees_of_freedom}"
-        if self.chi2 is not None:
-            fit += f", χ² {float(self.chi2):.4g}"
-        lines.append(
-            f"{fit}, objective {float(self.objective):.4g}, gap {float(self.gap):.1e}, "
-            f"condition {float(self.condition):.3g}"
-        )
-        return "\n".join(lines)
-
-    def _batch_summary(self) -> str:
-        counts = {status.name: int((self.codes == status).sum()) for status in Status}
-        text = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
-        lines = [f"{_shortened(self.estimator)}: a batch of {self.batch_shape}: {text}"]
-        good = self.values[self.codes == Status.OPTIMAL]
-        if len(good):
-            for label, mean, spread in zip(self.parameters.labels, good.mean(axis=0), good.std(axis=0), strict=True):
-                lines.append(f"  {label:<20s} mean {mean: .6f}, spread {spread:.3g}")
-        return "\n".join(lines)
-
-
-def _shortened(text: str, length: int = 100) -> str:
-    return text if len(text) <= length else text[: length - 1] + "…"
+        return summary_of(self, {status.value: status.name for status in Status})
 
 
 class Estimator(Protocol):

@@ -10,13 +10,16 @@ ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_the_script_runs():
-    (script,) = re.findall(r"```python\n(.*?)```", README, flags=re.S)
+def test_the_scripts_run_one_after_the_other():
+    script = "\n".join(re.findall(r"```python\n(.*?)```", README, flags=re.S))
     done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     paper, weighted = map(float, done.stdout.splitlines()[0].split())
     assert weighted < paper
     assert "direction.x" in done.stdout
+    proven, gap = done.stdout.splitlines()[-1].split()
+    assert proven == "True"
+    assert float(gap) < 1e-8
 
 
 def test_links_lead_somewhere():

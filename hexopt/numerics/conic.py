@@ -9,14 +9,11 @@ A loss is :math:`\rho(z) = \sup_{u \in U} u^T z - \tfrac{M}{2}\lVert u\rVert^2`,
 with :math:`u_j \in U_j`, :math:`w^\pm \ge 0`, :math:`\lVert v_k\rVert \le e_k` and the box as one more interval.
 That is what Clarabel is given: it has no normal equations and half the unknowns of the primal with its slacks,
 0 is always feasible, and −x is the multiplier of the balance. Where no x is feasible it is unbounded, and
-Clarabel's ray is Farkas' certificate. A bound that is infinite for a member has a zero column at cost 1, which
-makes its multiplier zero.
+Clarabel's ray is Farkas' certificate. The blocks are those of :mod:`hexopt.numerics.conic_blocks`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,40 +21,23 @@ import numpy.typing as npt
 
 from ..arrays import Array, BoolArray, norm, transpose
 from ..errors import InputError
-from .programme import Ball, Interval, Programme, Solution, Term, certify, transposed_product
+from .certificate import certify
+from .conic_blocks import Block, Rows, blocks_of, pattern_of, rows_of, sides_of, unit_of
+from .programme import Programme, Solution, transposed_product
 
 __all__ = ["conic_solves", "solve_conic"]
 
 #: Clarabel's tolerance, which is absolute for members normalised to an objective of about ½, and its longest step.
 #: Second-order cones stall unless it is CAREFUL. What it has almost solved is at REDUCED; the certificate judges.
 ROUGH, EXACT, CAREFUL, PATIENT, REDUCED = (1e-9, 0.99), (1e-13, 0.99), (1e-12, 0.8), (1e-13, 0.8), 1e-8
-#: In normalised units: bounds farther than FAR are left out, and duals of rows are held below CAP.
-FAR, CAP = 1e6, 1e3
 #: A member is solved about zero, about its answer, and again while its gap misses GOAL (if all is smooth, SHARP).
 PASSES, GOAL, SHARP = 4, 1e-9, 5e-13
 #: From pass to pass the unit of residuals shrinks to no less than this share: below it is rounding.
 SHRINK = 1e-9
-#: A multiplier below this share of its slack is zero.
-INACTIVE = 1e-3
 #: No point closer than this, in units of the data, escapes a proof of infeasibility.
 ESCAPE = 1e6
 #: How many members' numbers are prepared together.
 CHUNK = 256
-
-Rows = tuple[BoolArray, BoolArray, BoolArray]  # of an interval: the equations, those with an upper, with a lower bound
-
-
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """Dual variables v of a term or a constraint: limits − cone·v lies in the cones."""
-
-    coupling: Array  # (B, n, p), of the balance Σ couplingᵀv = 0
-    cost: Array  # (B, n)
-    cone: Any  # sparse (r, n)
-    limits: Array  # (B, r)
-    cones: list[tuple[str, int]]
-    read: Callable[[Array, Array], Array]  # multipliers (B, q) of the programme, from v and the slacks of its cones
-    curvature: int = 0
 
 
 def conic_solves(programme: Programme) -> bool:
@@ -93,8 +73,8 @@ def solve_conic(programme: Programme) -> Solution:
     todo = np.flatnonzero(usable & ~crossed)
     out = _blank(programme, crossed)
     chosen = programme if len(todo) == programme.batch else programme.take(todo)
-    rows = [_rows(one) for one in _sides(chosen)]
-    engine = _Engine(_pattern(chosen, rows))
+    rows = [rows_of(one) for one in sides_of(chosen)]
+    engine = _Engine(pattern_of(chosen, rows))
     for start in range(0, len(todo), CHUNK):
         with np.errstate(all="ignore"):  # a member whose numbers overflow fails
             part = _solve_chunk(chosen.take(slice(start, start + CHUNK)), rows, engine)
@@ -113,7 +93,7 @@ def _solve_chunk(programme: Programme, rows: list[Rows], engine: _Engine) -> Sol
     smooth = all(term.loss.curvature for term in programme.terms)
     for count in range(PASSES):
         part, centre = programme.take(active), out.values[active]
-        unit[active] = np.maximum(_unit(part.about(centre)), SHRINK * unit[active])
+        unit[active] = np.maximum(unit_of(part.about(centre)), SHRINK * unit[active])
         found = _attempt(part, centre, unit[active], rows, engine, count)
         infeasible[active] |= np.asarray(found.infeasible) & ~out.converged[active]
         out.iterations[active] += found.iterations
@@ -134,7 +114,7 @@ def _solve_chunk(programme: Programme, rows: list[Rows], engine: _Engine) -> Sol
 def _attempt(part: Programme, centre: Array, unit: Array, rows: list[Rows], engine: _Engine, count: int) -> Solution:
     """Some members about a centre, in a unit each; x lies on the bounds that have a multiplier."""
     about = part.about(centre)
-    blocks = _blocks(about, rows, unit)
+    blocks = blocks_of(about, rows, unit)
     primal, dual, iterations, good, ray = engine.solve(blocks, count)
     v = np.split(primal, np.cumsum([block.cost.shape[1] for block in blocks])[:-1], axis=1)
     slacks = np.split(dual, part.size + np.cumsum([0] + [block.limits.shape[1] for block in blocks])[:-1], axis=1)
@@ -160,7 +140,7 @@ class _Engine:
         self.solvers: dict[tuple[float, float], Any] = {}
 
     def solve(
-        self, blocks: list[_Block], count: int
+        self, blocks: list[Block], count: int
     ) -> tuple[Array, Array, npt.NDArray[np.int64], BoolArray, BoolArray]:
         """Dual variables and multipliers of every member, iterations, who is solved, and who is a ray."""
         import scipy.sparse as sp
@@ -193,7 +173,7 @@ class _Engine:
         return primal, np.nan_to_num(dual), iterations, good, ray
 
     def _member(
-        self, kind: tuple[float, float], blocks: list[_Block], data: Array, cost: Array, limits: Array, *where: Any
+        self, kind: tuple[float, float], blocks: list[Block], data: Array, cost: Array, limits: Array, *where: Any
     ) -> Any:
         """Clarabel's solution, or None if it panics: then the next member makes a new solver."""
         try:
@@ -210,7 +190,7 @@ class _Engine:
 
 
 def _fresh(
-    kind: tuple[float, float], blocks: list[_Block], data: Array, cost: Array, limits: Array, rows: Array, starts: Array
+    kind: tuple[float, float], blocks: list[Block], data: Array, cost: Array, limits: Array, rows: Array, starts: Array
 ) -> Any:
     """A solver that takes updates; not equilibrated, or an answer would depend on the scales of the first member."""
     import clarabel
@@ -232,142 +212,9 @@ def _fresh(
     return clarabel.DefaultSolver(squares, cost, matrix, limits, [zero, *cones], settings)
 
 
-# --- a programme in normalised dual variables ----------------------------------------------------------
-
-
-def _unit(programme: Programme) -> Array:
-    """The unit of residuals, (B,): of the objective at zero, and of how far zero is from feasible."""
-    value = programme.objective(np.zeros(programme.lower.shape))
-    unit = 2 * value / _force(programme, np.sqrt(2 * value) + 1e-300)
-    for side in _sides(programme):
-        apart = np.maximum(np.maximum(side.lower, -side.upper), 0.0) / _lengths(side.matrix)
-        unit = np.maximum(unit, apart.max(axis=-1, initial=0.0))
-    for ball in programme.balls:
-        unit = np.maximum(unit, (norm(ball.centre) - ball.radius) / _lengths(ball.matrix).max(axis=-1))
-    return np.where(unit > 1e-150, unit, 1.0)
-
-
-def _force(programme: Programme, unit: Array) -> Array:
-    """The unit of duals, (B,): that of residuals, unless no loss has a square."""
-    if any(term.loss.curvature for term in programme.terms):
-        return unit
-    return np.full(unit.shape, max(term.loss.bound for term in programme.terms))
-
-
-def _lengths(matrix: Array) -> Array:
-    """Lengths of rows, 1 for empty ones."""
-    length = norm(matrix)
-    return np.where(length > 0, length, 1.0)
-
-
-def _sides(programme: Programme) -> list[Interval]:
-    """The box, and the intervals."""
-    eye = np.broadcast_to(np.eye(programme.size), (programme.batch, programme.size, programme.size))
-    return [Interval(eye, programme.lower, programme.upper), *programme.intervals]
-
-
-def _rows(side: Interval) -> Rows:
-    """Which rows are equations for all members, and which others have an upper or a lower bound for some."""
-    equal = (side.lower == side.upper).all(axis=0)
-    return equal, ~equal & np.isfinite(side.upper).any(axis=0), ~equal & np.isfinite(side.lower).any(axis=0)
-
-
-def _pattern(programme: Programme, rows: list[Rows]) -> BoolArray:
-    """Which coefficients of the balance are not zero for some member, (n, p)."""
-    parts = []
-    for term in programme.terms:
-        mask = (term.matrix != 0).any(axis=0)
-        parts += [mask, np.zeros_like(mask)] if term.loss.per == "all" else [mask]
-    for side, chosen in zip(_sides(programme), rows, strict=True):
-        parts += [(side.matrix[:, which] != 0).any(axis=0) for which in chosen]
-    for ball in programme.balls:
-        parts += [(ball.matrix != 0).any(axis=0), np.zeros((1, programme.size), dtype=bool)]
-    return np.concatenate(parts)
-
-
-def _blocks(programme: Programme, rows: list[Rows], unit: Array) -> list[_Block]:
-    """Every term and constraint, residuals in a unit (B,)."""
-    units = unit[:, None], _force(programme, unit)[:, None]
-    blocks = [_of_term(term, *units) for term in programme.terms]
-    blocks += [_of_side(side, chosen, *units) for side, chosen in zip(_sides(programme), rows, strict=True)]
-    return blocks + [_of_ball(ball, *units) for ball in programme.balls]
-
-
-def _of_term(term: Term, unit: Array, force: Array) -> _Block:
-    import scipy.sparse as sp
-
-    count, size, per = term.matrix.shape[1], term.size, term.loss.per
-    coupling, cost, eye = term.matrix, term.rhs / unit, sp.eye(count)
-    bound = np.minimum(term.loss.bound / force, CAP)
-    cones: list[tuple[str, int]] = []
-    if not np.isfinite(term.loss.bound):
-        cone, limits = sp.csc_matrix((0, count)), bound[:, :0]
-    elif per == "row":
-        cone, limits, cones = sp.vstack([eye, -eye]), np.repeat(bound, 2 * count, axis=1), [("row", 2 * count)]
-    elif per == "pose":
-        cone = sp.kron(sp.eye(count // size), sp.vstack([sp.csc_matrix((1, size)), -sp.eye(size)]))
-        limits = bound * np.tile(np.arange(size + 1) == 0, count // size)
-        cones = [("ball", size + 1)] * (count // size)
-    else:  # |u| ≤ e, Σe ≤ bound
-        coupling, cost = (np.concatenate([part, np.zeros_like(part)], axis=1) for part in (coupling, cost))
-        cone = sp.bmat([[eye, -eye], [-eye, -eye], [None, np.ones((1, count))]])
-        limits = bound * (np.arange(2 * count + 1) == 2 * count)
-        cones = [("row", 2 * count + 1)]
-    return _Block(coupling, cost, cone, limits, cones, lambda v, slack: force * v[:, :count], term.loss.curvature or 0)
-
-
-def _of_side(side: Interval, rows: Rows, unit: Array, force: Array) -> _Block:
-    import scipy.sparse as sp
-
-    equal, up, low = rows
-    length = _lengths(side.matrix)
-    matrix, upper, lower = side.matrix / length[..., None], side.upper / (unit * length), side.lower / (unit * length)
-    coupling = np.concatenate([matrix[:, equal], matrix[:, up], -matrix[:, low]], axis=1)
-    cost = np.concatenate([upper[:, equal], upper[:, up], -lower[:, low]], axis=1)
-    free, above = int(equal.sum()), int(equal.sum() + up.sum())
-    bounded = cost.shape[1] - free
-    vacuous = (cost > FAR) & (np.arange(cost.shape[1]) >= free)
-
-    def read(v: Array, slack: Array) -> Array:
-        net = np.zeros(side.lower.shape)
-        inactive = np.concatenate([np.zeros_like(v[:, :free]), INACTIVE * slack], axis=1)
-        v = np.where(vacuous | ((np.arange(v.shape[1]) >= free) & (v <= inactive)), 0.0, v)
-        net[:, equal] = v[:, :free]
-        net[:, up] += v[:, free:above]
-        net[:, low] -= v[:, above:]
-        return net * force / length
-
-    coupling, cost = np.where(vacuous[..., None], 0.0, coupling), np.where(vacuous, 1.0, cost)
-    cone = sp.hstack([sp.csc_matrix((bounded, free)), -sp.eye(bounded)])
-    return _Block(coupling, cost, cone, np.zeros((len(unit), bounded)), [("row", bounded)] if bounded else [], read)
-
-
-def _of_ball(ball: Ball, unit: Array, force: Array) -> _Block:
-    import scipy.sparse as sp
-
-    size = ball.centre.shape[-1]
-    length = _lengths(ball.matrix).max(axis=-1)[:, None]
-    centre, radius = ball.centre / (unit * length), ball.radius[:, None] / (unit * length)
-    vacuous = radius > FAR + norm(centre)[:, None]
-
-    def read(v: Array, slack: Array) -> Array:
-        room = slack[:, :1] - norm(slack[:, 1:])[:, None]
-        inactive = vacuous | (norm(v[:, :-1])[:, None] <= INACTIVE * room)
-        return np.where(inactive, 0.0, v[:, :-1] * force / length)
-
-    coupling = np.where(vacuous[..., None], 0.0, ball.matrix / length[..., None])
-    coupling = np.concatenate([coupling, np.zeros_like(coupling[:, :1])], axis=1)
-    cost = np.where(vacuous, np.eye(size + 1)[size], np.concatenate([centre, radius], axis=1))
-    cone = sp.bmat([[None, -sp.eye(1)], [-sp.eye(size), None]])
-    return _Block(coupling, cost, cone, np.zeros((len(unit), size + 1)), [("ball", size + 1)], read)
-
-
-# --- members --------------------------------------------------------------------------------------------
-
-
 def _is_farkas(programme: Programme, multipliers: list[Array], unit: Array) -> BoolArray:
     """Whether multipliers of box, intervals and balls, once balanced, prove that no point within reach is feasible."""
-    sides, balls = _sides(programme), programme.balls
+    sides, balls = sides_of(programme), programme.balls
     matrix = np.concatenate([one.matrix for one in sides] + [ball.matrix for ball in balls], axis=1)
     lower, upper = (np.concatenate([getattr(one, name) for one in sides], axis=1) for name in ("lower", "upper"))
     w = np.concatenate(multipliers, axis=1)
@@ -395,12 +242,12 @@ def _checked(programme: Programme) -> tuple[BoolArray, BoolArray]:
     parts: list[Array] = [part for term in programme.terms for part in (term.matrix, term.rhs)]
     parts += [part for ball in programme.balls for part in (ball.matrix, ball.centre, ball.radius)]
     parts += [one.matrix for one in programme.intervals]
-    usable = ~np.isnan(np.concatenate([part for one in _sides(programme) for part in (one.lower, one.upper)], axis=1))
+    usable = ~np.isnan(np.concatenate([part for one in sides_of(programme) for part in (one.lower, one.upper)], axis=1))
     usable = usable.all(axis=1)
     for part in parts:
         usable &= np.isfinite(part).all(axis=tuple(range(1, part.ndim)))
     crossed = np.zeros(programme.batch, dtype=bool)
-    for side in _sides(programme):
+    for side in sides_of(programme):
         crossed |= ((side.lower > side.upper) | (side.lower == np.inf) | (side.upper == -np.inf)).any(axis=-1)
     for ball in programme.balls:
         crossed |= ball.radius < 0

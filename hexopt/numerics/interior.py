@@ -44,7 +44,7 @@ STIFF = 1e8
 #: The multiplier where there is no pair, and the least divisor.
 TINY = 1e-300
 #: How many numbers the matrices of one chunk of the batch hold, so that it stays in the cache.
-CHUNK = 150_000
+CHUNK = 210_000
 #: Members that are done leave the arrays when no more than this share is left.
 COMPRESS = 0.75
 
@@ -55,13 +55,15 @@ def interior_solves(programme: Programme) -> bool:
     return known and not programme.balls
 
 
-def solve_interior(programme: Programme) -> Solution:
+def solve_interior(programme: Programme, tolerance: float = TOLERANCE) -> Solution:
     """Minimise every member of a batch; use scaled variables.
 
     Parameters
     ----------
     programme : Programme
         With losses per row or of all rows that are support functions, a box, and intervals.
+    tolerance : float, default 1e-15
+        Relative error at which a member may stop.
 
     Returns
     -------
@@ -72,7 +74,7 @@ def solve_interior(programme: Programme) -> Solution:
     numbers = programme.batch * programme.size * sum(term.rhs.shape[-1] for term in programme.terms)
     step = max(1, -(-programme.batch // max(1, -(-numbers // CHUNK))))
     with np.errstate(all="ignore"):
-        parts = [_solve(programme.take(slice(k, k + step))) for k in range(0, max(programme.batch, 1), step)]
+        parts = [_solve(programme.take(slice(k, k + step)), tolerance) for k in range(0, max(programme.batch, 1), step)]
     return Solution(
         np.concatenate([part.values for part in parts]),
         np.concatenate([part.converged for part in parts]),
@@ -82,10 +84,10 @@ def solve_interior(programme: Programme) -> Solution:
     )
 
 
-def _solve(programme: Programme) -> Solution:
+def _solve(programme: Programme, tolerance: float) -> Solution:
     """One chunk."""
     posed = Posed.of(programme)
-    x, dual, error, iterations = _follow(posed.rows)
+    x, dual, error, iterations = _follow(posed.rows, tolerance)
     return posed.solution(x, dual, error <= ACCEPTED, iterations)
 
 
@@ -188,7 +190,7 @@ class _Newton:
         self.offset = stiff * now.miss - moved[0] + moved[1]
         self.surplus = now.surplus + rows.peak.T @ (moved[0] + moved[1])
         gram = np.zeros((len(at.x), *at.x.shape))
-        weighted = rows.columns * np.ascontiguousarray(self.weight.T)[:, None, :]
+        weighted = np.einsum("bpm,bm->bpm", rows.columns, np.ascontiguousarray(self.weight.T))
         gram[:size, :size] = np.moveaxis(weighted @ transpose(rows.columns), 0, -1)
         gram[:size, :size] += rows.gram
         for k, of_peak in enumerate(rows.peak.T, start=size):
@@ -225,19 +227,18 @@ def _advanced(now: _Residual, slow: BoolArray) -> _Point:
     relative = system.step(-at.multiplier)[2]
     worst = np.maximum(-relative.min(axis=(0, 1), initial=0.0), 1 + relative.max(axis=(0, 1), initial=-1.0))
     length = 1 / np.maximum(1.0, worst)
-    # of second order: −Δg Δm / (g m) of the predictor, whose Δm / m = −1 − Δg / g
+    # −Δg Δm of the predictor, whose Δm / m is −1 − Δg / g
     second = 1 + relative
     second *= relative
-    curve = np.einsum("kib,kib->b", second, now.product)
-    ahead = np.maximum((1 - length) * now.total - length**2 * curve, 0.0)
+    second *= now.product
+    ahead = np.maximum((1 - length) * now.total - length**2 * second.sum(axis=(0, 1)), 0.0)
     share = (ahead / np.maximum(now.total, TINY)) ** 3
     if slow.any():
         share = np.where(slow, np.maximum(share, CENTRING), share)
         second *= ~slow
-    mu = share * now.total / np.maximum(now.rows.on.sum(axis=(0, 1)), 1.0)
-    second -= 1
-    second *= at.multiplier
-    second += mu * system.inverse
+    second -= now.product
+    second += share * now.total / now.rows.pairs
+    second *= system.inverse
     x, dual, relative = system.step(second)
     push = second
     push -= at.multiplier * relative
@@ -253,7 +254,7 @@ def _advanced(now: _Residual, slow: BoolArray) -> _Point:
     return _Point(at.x + x, at.dual + dual, at.gap * relative, at.multiplier + push)
 
 
-def _follow(rows: Rows) -> tuple[Array, Array, Array, npt.NDArray[np.int64]]:
+def _follow(rows: Rows, tolerance: float) -> tuple[Array, Array, Array, npt.NDArray[np.int64]]:
     """The best x and duals of every member, their errors, and the iterations."""
     at = _start(rows)
     x, dual = at.x.copy(), at.dual.copy()
@@ -270,7 +271,7 @@ def _follow(rows: Rows) -> tuple[Array, Array, Array, npt.NDArray[np.int64]]:
         since[members] += 1
         since[where] = 0
         patience = np.where(error < ACCEPTED, PATIENCE, LONG_PATIENCE)
-        done |= (error <= TOLERANCE) | (since >= patience)
+        done |= (error <= tolerance) | (since >= patience)
         left = ~done[members]
         if not left.any():
             break

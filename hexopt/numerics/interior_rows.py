@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,11 @@ class Rows:
     def losses(self) -> int:
         """How many rows of losses."""
         return len(self.bound)
+
+    @cached_property
+    def pairs(self) -> Array:
+        """How many pairs there are, at least one, (B,)."""
+        return np.maximum(self.on.sum(axis=(0, 1)), 1.0)
 
     def take(self, which: Any) -> Rows:
         """Some members."""

@@ -20,7 +20,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..arrays import Array, BoolArray, norm
-from .programme import NEAR, Ball, Programme, Solution, Term
+from .certificate import NEAR
+from .programme import Ball, Programme, Solution, Term
 
 __all__ = ["polish"]
 

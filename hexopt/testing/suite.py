@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pickle
-import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,8 +15,9 @@ from ..geometry import Hexapod
 from ..measurements import LegMeasurements, Lock
 from ..noise import NormalNoise
 from ..problem import LinearProblem
-from ..result import Estimate, Estimator, Status, estimate
+from ..result import Estimate, Status, estimate
 from ..simulation import simulate_leg
+from .helpers import Names, arrays_of, main_values, raised
 from .motions import Motion, ScaledNoise, base_motion, platform_motion, unit_change
 
 __all__ = ["CLAIMS", "COMMON", "Suite", "TargetFactory"]
@@ -30,27 +30,6 @@ N_SETS, BAD = 4, 2  # sets in a batch, and the one that is spoilt
 KINDS = ("sandwich", "model", "residual", "posterior")
 
 TargetFactory = Callable[[LegMeasurements], Any]
-
-
-class _Names(Mapping[str, Any]):
-    """What a repr may speak of: the names of the modules of the estimator and its settings, of hexopt, and of NumPy."""
-
-    def __init__(self, estimator: Any) -> None:
-        parts = [estimator, *vars(estimator).values()]
-        homes = dict.fromkeys(type(part).__module__ for part in parts)
-        self.places = [*(sys.modules[home] for home in homes), sys.modules["hexopt"], np]
-
-    def __getitem__(self, name: str) -> Any:
-        for place in self.places:
-            if hasattr(place, name):
-                return getattr(place, name)
-        raise KeyError(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(())
-
-    def __len__(self) -> int:
-        return 0
 
 
 @dataclass(frozen=True)
@@ -119,16 +98,16 @@ class Suite:
         """Check that the answer moves with the frames and units in which the data are given."""
         data = self.sets()
         reference, found = self.fit(data), self.fit(motion.data(data))
-        expected = {name: motion.block(name, values) for name, values in _main(reference).items()}
+        expected = {name: motion.block(name, values) for name, values in main_values(reference).items()}
         self.agree(found, expected, reference, what)
 
     # --- contracts that hold for all --------------------------------------------------------------
 
     def _input(self) -> None:
         target = self.factory(self.sets())
-        before = {path: (array.copy(), array.flags.writeable) for path, array in _arrays(target)}
+        before = {path: (array.copy(), array.flags.writeable) for path, array in arrays_of(target)}
         self.estimator.fit(target)
-        after = dict(_arrays(target))
+        after = dict(arrays_of(target))
         for path, (copy, writeable) in before.items():
             same = path in after and np.array_equal(copy, after[path], equal_nan=True)
             assert same, f"it changed the target's {path}"
@@ -153,7 +132,7 @@ class Suite:
             alone = self.fit(data[i])
             assert alone.values.shape == (size,), f"one problem gave values of shape {alone.values.shape}"
             assert int(alone.codes) == int(together.codes[i]), f"member {i} has another status alone"
-            self.agree(together[i], _main(alone), alone, f"the batch around it (member {i})")
+            self.agree(together[i], main_values(alone), alone, f"the batch around it (member {i})")
 
     def _certificate(self) -> None:
         found = self.fit(self.sets())
@@ -199,7 +178,7 @@ class Suite:
             for part in (data, data[0]):
                 found = estimate(self.factory(part), self.estimator, throw)
                 assert np.all(found.ok), f"throw={throw} changes a problem that succeeds"
-        error = _raised(InputError, object(), self.estimator)
+        error = raised(InputError, object(), self.estimator)
         assert error is not None, "it takes any object: `accepts` is too wide"
         assert self.estimator.hint, "its hint is empty"
         assert self.estimator.hint in str(error), "the error for a wrong target lacks the hint"
@@ -207,12 +186,12 @@ class Suite:
     def _few(self) -> None:
         data = self.sets().poses([0])
         for throw in (None, False):
-            error = _raised(HexoptError, data, self.estimator, throw, self.factory)
+            error = raised(HexoptError, data, self.estimator, throw, self.factory)
             if error is None:  # priors and bounds may decide; where they do not, the members fail
                 found = estimate(self.factory(data), self.estimator, throw=False)
                 honest = found.decided or not np.any(found.ok)
                 assert honest, f"one pose is too few, and throw={throw} raises nothing"
-                error = _raised(HexoptError, data[0], self.estimator, True, self.factory)
+                error = raised(HexoptError, data[0], self.estimator, True, self.factory)
                 assert error is not None or found.decided, "one pose is too few, and throw=True raises nothing"
             assert error is None or "\n" not in str(error), (
                 f"the error for a single pose has several lines: {str(error)!r}"
@@ -221,7 +200,7 @@ class Suite:
     def _value(self) -> None:
         assert pickle.loads(pickle.dumps(self.estimator)) == self.estimator, "it does not equal its pickled copy"
         text = repr(self.estimator)
-        again = eval(text, {}, _Names(self.estimator))
+        again = eval(text, {}, Names(self.estimator))
         assert again == self.estimator, f"{text} evaluates to something else"
 
     # --- contracts that an estimator may claim ----------------------------------------------------
@@ -232,7 +211,7 @@ class Suite:
         kappa = np.where(np.isfinite(found.condition), found.condition, 0.0)
         allowed = np.maximum(100 * np.finfo(float).eps * kappa, self.exactness)
         truth = self.robot.leg(3)
-        for name, values in _main(found).items():
+        for name, values in main_values(found).items():
             unit = float(truth.gain) if name == "gain" else self.robot.size
             error = np.abs(values - truth.block(name)).max(axis=-1) / unit
             assert (error <= allowed).all(), f"without noise {name} is off by {error.max():.1e} of the robot's size"
@@ -241,7 +220,7 @@ class Suite:
         data = self.sets()
         reference = self.fit(data)
         for order in (np.arange(self.n_poses)[::-1], np.random.default_rng(self.seed).permutation(self.n_poses)):
-            self.agree(self.fit(data.poses(order)), _main(reference), reference, "another order of the poses")
+            self.agree(self.fit(data.poses(order)), main_values(reference), reference, "another order of the poses")
 
     def _scale(self) -> None:
         self.moved(unit_change(self.robot.length_unit), "another length unit")
@@ -253,7 +232,7 @@ class Suite:
         scaled = replace(problem, matrix=problem.matrix * scale, noise=noise)
         reference, found = self.estimator.fit(problem), self.estimator.fit(scaled)
         found = replace(found, values=found.values * scale)
-        self.agree(found, _main(reference), reference, "another scale of the columns")
+        self.agree(found, main_values(reference), reference, "another scale of the columns")
 
     def _frame(self) -> None:
         unit, size = self.robot.length_unit, self.robot.size
@@ -267,48 +246,12 @@ class Suite:
         assert failed == [BAD], f"of {N_SETS} sets only number {BAD} stands still, but {failed} fail"
         assert np.isnan(found.values[BAD]).all(), "a failed member has values that are not NaN"
         for i in set(range(N_SETS)) - {BAD}:
-            self.agree(found[i], _main(clean[i]), clean[i], f"the failed member beside it (member {i})")
+            self.agree(found[i], main_values(clean[i]), clean[i], f"the failed member beside it (member {i})")
         single = self.factory(bad[BAD])
-        error = _raised(EstimationError, single, self.estimator)
+        error = raised(EstimationError, single, self.estimator)
         assert error is not None, "a set that stands still raises nothing"
         assert "\n" not in str(error), "the error has several lines"
         assert getattr(error, "combinations", None), "the error names no unseen combination"
         assert not estimate(single, self.estimator, throw=False).ok, "throw=False makes a success of a failure"
-        error = _raised(EstimationError, self.factory(bad), self.estimator, True)
+        error = raised(EstimationError, self.factory(bad), self.estimator, True)
         assert error is not None, "throw=True lets a batch with a failed member pass"
-
-
-def _main(found: Estimate) -> dict[str, Array]:
-    """The values that are no nuisance, by name."""
-    return {name: found.params[name] for name in found.parameters.main.names}
-
-
-def _raised(
-    kind: type[Exception],
-    target: Any,
-    estimator: Estimator,
-    throw: bool | None = None,
-    factory: Callable[[Any], Any] = lambda target: target,
-) -> Exception | None:
-    """The error of some kind that an estimation (or the making of its target) raises, or None."""
-    try:
-        estimate(factory(target), estimator, throw)
-    except kind as error:
-        return error
-    return None
-
-
-def _arrays(thing: Any, path: str = "", seen: set[int] | None = None) -> Iterator[tuple[str, Array]]:
-    """All arrays behind an object's attributes, dictionaries and sequences, with their paths."""
-    seen = set() if seen is None else seen
-    if isinstance(thing, np.ndarray):
-        yield path, thing
-        return
-    if id(thing) in seen:
-        return
-    seen.add(id(thing))
-    parts: Mapping[Any, Any] = thing if isinstance(thing, Mapping) else getattr(thing, "__dict__", {})
-    if isinstance(thing, (list, tuple)):
-        parts = dict(enumerate(thing))
-    for name, part in list(parts.items()):
-        yield from _arrays(part, f"{path}.{name}".removeprefix("."), seen)

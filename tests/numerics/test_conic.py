@@ -9,8 +9,9 @@ import pytest
 from hexopt.errors import InputError
 from hexopt.losses import L1, Chebyshev, GroupHuber, GroupL1, Huber, Loss, Quadratic
 from hexopt.numerics import conic
+from hexopt.numerics.certificate import certify
 from hexopt.numerics.conic import conic_solves, solve_conic
-from hexopt.numerics.programme import Ball, Interval, Programme, Term, certify
+from hexopt.numerics.programme import Ball, Interval, Programme, Term
 
 BATCH, M, P = 4, 24, 6
 LOSSES = {

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hexopt.losses import L1, GroupHuber, Huber, Quadratic
+from hexopt.numerics.certificate import certify
 from hexopt.numerics.newton import newton_solves, solve_newton
-from hexopt.numerics.programme import Ball, Interval, Programme, Term, certify
+from hexopt.numerics.programme import Ball, Interval, Programme, Term
 
 pytestmark = pytest.mark.filterwarnings("ignore:Solution may be inaccurate")  # of cvxpy, the reference
 

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hexopt.losses import L1, Chebyshev, GroupHuber, GroupL1, Huber, Quadratic
-from hexopt.numerics.programme import Ball, Interval, Programme, Solution, Term, certify
+from hexopt.numerics.certificate import certify
+from hexopt.numerics.programme import Ball, Interval, Programme, Solution, Term
 
 pytestmark = pytest.mark.filterwarnings("ignore:Solution may be inaccurate")  # as the certificate says itself
 

@@ -21,6 +21,7 @@ from ...priors import Prior
 from ...problem import LinearProblem
 from ...result import Certificate, Estimate, Status
 from ..least_squares import check_rows, degrees_of_freedom, linear_uncertainty, unseen_combinations
+from .duals import named_duals, solution_duals
 from .posed import Posed, Settings, in_batch, posed, reference
 from .posing import pose
 from .routes import BACKENDS, Answer, closed_form, judged, solve
@@ -160,7 +161,7 @@ class ConvexEstimator:
             np.where(finite[:, None], values, 0.0) * length,
             finite,
             np.zeros(count, dtype=np.int64),
-            **_witness(made, found, count),
+            **solution_duals(made, found, count),
         )
         known = reference(made.assembly, np.broadcast_to(problem.worst_cancellation, batch).reshape(-1), inverse=False)
         answer = judged(scaled, solution, np.asarray(known.condition))
@@ -200,7 +201,7 @@ class ConvexEstimator:
             condition=np.asarray(known.condition).reshape(batch),
             chi2=self._chi2(made, answer, batch),
             iterations=np.asarray(answer.iterations).reshape(batch),
-            duals={name: in_batch(np.where(good, part, np.nan), batch) for name, part in _duals(made, answer).items()},
+            duals=named_duals(made, answer, good, batch),
             estimator=f"{target.name} by {self!r}",
             **words | {"degrees_of_freedom": max(freedom, 0)} | self._uncertainty(target, made, answer, known, good),
         )
@@ -297,33 +298,3 @@ def _several(name: str, value: Any, kind: type, example: str) -> tuple[Any, ...]
 def _nested(value: Any) -> Any:
     """Nested lists as nested tuples, which can be compared."""
     return tuple(_nested(part) for part in value) if isinstance(value, list) else value
-
-
-def _duals(made: Posed, answer: Answer) -> dict[str, Any]:
-    """The duals of a certificate by name."""
-    proof, assembly, unit = answer.certificate, made.assembly, made.unit[:, None]
-    named = {name: part * unit for name, part in zip(assembly.row_names, proof.rows, strict=True)}
-    named["rows"] = proof.rows[0] * (made.unit / made.divisor)[:, None] if made.is_raw else proof.rows[0]
-    if assembly.box_name:
-        named[assembly.box_name] = proof.box * unit
-    named |= {name: part * unit for name, part in zip(assembly.interval_names, proof.intervals, strict=True)}
-    named |= {name: part * unit for name, part in zip(assembly.ball_names, proof.balls, strict=True)}
-    return named
-
-
-def _witness(made: Posed, found: Estimate, count: int) -> dict[str, Any]:
-    """The duals of an estimate as a solution takes them."""
-
-    def flat(name: str) -> Any:
-        dual = np.nan_to_num(found.duals[name])
-        unit = made.unit / made.divisor if name == "rows" and made.is_raw else made.unit
-        return dual.reshape(count, dual.shape[-1]) / unit[:, None]
-
-    parts: dict[str, Any] = {
-        "intervals": tuple(flat(name) for name in made.assembly.interval_names),
-        "balls": tuple(flat(name) for name in made.assembly.ball_names),
-    }
-    terms = made.assembly.programme.terms
-    if not all(term.loss.smooth for term in terms):
-        parts["rows"] = tuple(flat(name) for name in made.assembly.row_names)
-    return parts

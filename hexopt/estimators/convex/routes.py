@@ -11,12 +11,13 @@ import numpy as np
 from ...arrays import Array, BoolArray, matvec
 from ...errors import InputError
 from ...losses import Quadratic
+from ...numerics.certificate import Certificate, certify
 from ...numerics.conic import conic_solves, solve_conic
 from ...numerics.interior import interior_solves, solve_interior
 from ...numerics.lstsq import LstsqSolution
 from ...numerics.newton import newton_solves, solve_newton
 from ...numerics.polish import polish
-from ...numerics.programme import Certificate, Programme, Solution, certify
+from ...numerics.programme import Programme, Solution
 from .posing import solve_cvxpy
 
 __all__ = ["BACKENDS", "Answer", "closed_form", "judged", "solve"]

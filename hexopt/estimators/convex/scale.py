@@ -16,6 +16,8 @@ __all__ = ["mad_scale"]
 
 #: Standard deviation of a normal distribution over the median of its absolute value.
 NORMAL = 1.4826022185056018
+#: The L1 fit needs no more digits than the noise has.
+TOLERANCE = 1e-6
 
 
 def mad_scale(matrix: Array, rhs: Array, name: str) -> Array:
@@ -35,7 +37,7 @@ def mad_scale(matrix: Array, rhs: Array, name: str) -> Array:
     flat, right = matrix.reshape(count, rows, size), rhs.reshape(count, rows)
     free = np.full((len(flat), size), np.inf)
     scaled, length = Programme((Term(L1(), flat, right),), -free, free).scaled()
-    values = solve_interior(scaled).values / length
+    values = solve_interior(scaled, TOLERANCE).values / length
     residual = np.abs(matvec(flat, values) - right)
     residual[(flat == 0).all(axis=-1) & (right == 0)] = np.nan  # rows of weight zero; they sort last
     with warnings.catch_warnings():
