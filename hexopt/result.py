@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from .arrays import Array, BoolArray, norm
 from .errors import EstimationError, InputError, RankDeficientError, UnitError
-from .geometry import LENGTH_UNITS, Leg
+from .geometry import LENGTH_UNITS, Hexapod, Leg
 from .geometry.leg import LEG_BLOCKS
 from .parameters import Parameters
 from .summaries import summary_of
@@ -155,22 +155,28 @@ class Estimate:
         index = np.concatenate([np.arange(self.parameters.size)[self.parameters[name]] for name in names])
         return self.covariance[..., index[:, None], index]
 
-    def error(self, leg: Leg) -> dict[str, Array]:
+    def error(self, truth: Leg | Hexapod) -> dict[str, Array]:
         r"""Euclidean error of every leg block, :math:`\lVert \hat b - b\rVert` and so on, by name.
 
         Parameters
         ----------
-        leg : Leg
-            The truth.
-
-        References
-        ----------
-        Daney (1998), section 4: the error index.
+        truth : Leg or Hexapod
+            The true leg; or the robot, for "leg3.base_point" and so on of several legs (Daney 1998, section 4).
         """
+        found = {}
         for block in self.parameters:
-            if block.name in LEG_BLOCKS and block.unit in LENGTH_UNITS and block.unit != leg.length_unit:
+            prefix, _, name = block.name.rpartition(".")
+            if name not in LEG_BLOCKS or bool(prefix) == isinstance(truth, Leg):
+                continue
+            leg = truth if isinstance(truth, Leg) else truth.leg(int(prefix.removeprefix("leg")))
+            if block.unit in LENGTH_UNITS and block.unit != leg.length_unit:
                 raise UnitError(f"the estimate of {block.name} is in {block.unit}, the leg in {leg.length_unit}")
-        return {name: norm(values - leg.block(name)) for name, values in self.params.items() if name in LEG_BLOCKS}
+            found[block.name] = norm(self.params[block.name] - leg.block(name))
+        if not found and any(name.rpartition(".")[2] in LEG_BLOCKS for name in self.parameters.names):
+            raise InputError(
+                f"this estimate has {', '.join(self.parameters.names)}: a leg for one leg, the robot for several"
+            )
+        return found
 
     def __getitem__(self, index: Any) -> Estimate:
         """One problem of a batch, or some."""
@@ -182,13 +188,12 @@ class Estimate:
 
         names = ["values", "codes", "covariance", "objective", "gap", "condition", "chi2", "influence"]
         names += ["primal_residual", "dual_residual", "undetermined"]
-        iterations = self.iterations if self.iterations.ndim == 0 else self.iterations[index]
         return replace(
             self,
             unseen=self.unseen if np.any(self.codes[index] == Status.RANK_DEFICIENT) else (),
             decided=self.decided if self.undetermined is not None and np.any(self.undetermined[index]) else (),
             **{name: pick(getattr(self, name)) for name in names},
-            iterations=iterations,
+            iterations=self.iterations if self.iterations.ndim == 0 else self.iterations[index],
             duals={name: value[index] for name, value in self.duals.items()},
         )
 

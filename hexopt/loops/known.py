@@ -68,6 +68,9 @@ def known_values(loop: str, names: Sequence[str], given: Mapping[str, Any], data
     for name in names:
         value = given[name]
         if isinstance(value, Estimate):
+            if name not in value.parameters:
+                have = ", ".join(value.parameters.names)
+                raise InputError(f"{name}: the given estimate has no such block, it has {have}")
             check_estimate_unit(value, name, data.length_unit)
             values[name] = value.params[name]
             if value.covariance is not None:

@@ -500,3 +500,21 @@ class TestProblems:
         taken = hx.Block("bias.1", 1, "cm", nuisance=True)
         with pytest.raises(InputError, match=r"bias\.1 of argument \d .* give one of them another name"):
             join(self.problem(taken), self.problem(own, seed=1), self.problem(own, seed=2))
+
+
+def test_the_errors_of_several_legs_are_those_of_the_robot(left_hand):
+    """Blocks "leg3.base_point" are compared with leg 3 of a robot, and with no leg alone."""
+    sets = [hx.simulate_leg(left_hand, k, "direction", 7, nominal=left_hand.leg(k), rng=k) for k in (2, 5)]
+    found = hx.estimate(hx.join(*(hx.loops.FixedDirection(one) for one in sets)), hx.LeastSquares())
+    errors = found.error(left_hand)
+    assert set(errors) == {f"leg{k}.{name}" for k in (2, 5) for name in ("platform_point", "base_point")}
+    assert max(float(error) for error in errors.values()) < 1e-9
+    with pytest.raises(hx.InputError, match="a leg for one leg, the robot for several"):
+        found.error(left_hand.leg(2))
+
+
+def test_a_known_estimate_must_have_the_block(left_hand):
+    data = hx.simulate_leg(left_hand, 3, "leg", 7, nominal=left_hand.leg(3), rng=0)
+    found = hx.estimate(hx.loops.FixedLeg(data).linear(), hx.LeastSquares())
+    with pytest.raises(hx.InputError, match="base_point: the given estimate has no such block, it has platform_point"):
+        hx.loops.LegLength(data, unknown="offset", base_point=found)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array, BoolArray, norm
-from ...constraints import BallRows, Constraint
+from ...constraints import BallRows, Constraint, IntervalRows
 from ...errors import InputError
 from ...losses import Loss
 from ...numerics.programme import Ball, Interval, Programme, Term
@@ -56,18 +56,7 @@ def assemble(
     constraints: Sequence[Constraint],
 ) -> Assembly:
     """The programme of (whitened) rows (..., m, p) with its priors and constraints, the batch made flat."""
-    batch = rhs.shape[:-1]
-    count = int(np.prod(batch))
-
-    def flat(array: Array, trailing: int) -> Array:
-        try:
-            wide = np.broadcast_to(array, (*batch, *array.shape[array.ndim - trailing :]))
-        except ValueError:
-            raise InputError(
-                f"a prior or bound has a batch of {array.shape[: array.ndim - trailing]}, the problem of {batch}"
-            ) from None
-        return wide.reshape(count, *array.shape[array.ndim - trailing :])
-
+    flat = _Flat(rhs.shape[:-1])
     terms = [Term(loss, flat(matrix, 2), flat(rhs, 1), size)]
     gaussian = []
     for prior in priors:
@@ -79,35 +68,53 @@ def assemble(
             if unit != 1:
                 own = replace(own, scale=own.bound * unit)
             terms.append(Term(own, flat(rows.matrix / unit, 2), flat(rows.rhs / unit, 1), rows.size))
-    lower = np.full((count, parameters.size), -np.inf)
-    upper = -lower
-    intervals, balls = [], []
-    names: dict[str, list[str]] = {
-        "rows": ["rows"] + ["prior"] * (len(terms) - 1),
-        "box": [],
-        "interval": [],
-        "ball": [],
-    }
     parts = [part for constraint in constraints for part in constraint.rows(parameters)]
-    for part in parts:
-        if isinstance(part, BallRows):
-            balls.append(Ball(flat(part.matrix, 2), flat(part.centre, 1), flat(part.radius, 0)))
-            names["ball"].append(part.name)
-        elif part.is_box:
-            where = np.argmax(part.matrix, axis=-1)
-            lower[:, where] = np.maximum(lower[:, where], flat(part.lower, 1))
-            upper[:, where] = np.minimum(upper[:, where], flat(part.upper, 1))
-            names["box"] = names["box"] or [part.name]
-        else:
-            intervals.append(Interval(flat(part.matrix, 2), flat(part.lower, 1), flat(part.upper, 1)))
-            names["interval"].append(part.name)
-    empty = (lower > upper).any(axis=-1)
-    return Assembly(
-        Programme(tuple(terms), lower, upper, tuple(intervals), tuple(balls)),
-        tuple(gaussian),
-        np.asarray(empty),
-        *_numbered(names),
+    boxes = [part for part in parts if isinstance(part, IntervalRows) and part.is_box]
+    intervals = [part for part in parts if isinstance(part, IntervalRows) and not part.is_box]
+    balls = [part for part in parts if isinstance(part, BallRows)]
+    lower, upper = _box(boxes, np.full((flat.count, parameters.size), np.inf), flat)
+    programme = Programme(
+        tuple(terms),
+        lower,
+        upper,
+        tuple(Interval(flat(part.matrix, 2), flat(part.lower, 1), flat(part.upper, 1)) for part in intervals),
+        tuple(Ball(flat(part.matrix, 2), flat(part.centre, 1), flat(part.radius, 0)) for part in balls),
     )
+    names = {
+        "rows": ["rows"] + ["prior"] * (len(terms) - 1),
+        "box": [part.name for part in boxes[:1]],
+        "interval": [part.name for part in intervals],
+        "ball": [part.name for part in balls],
+    }
+    return Assembly(programme, tuple(gaussian), np.asarray((lower > upper).any(axis=-1)), *_numbered(names))
+
+
+class _Flat:
+    """Arrays broadcast to a batch that is then made flat."""
+
+    def __init__(self, batch: tuple[int, ...]) -> None:
+        self.batch, self.count = batch, int(np.prod(batch))
+
+    def __call__(self, array: Array, trailing: int) -> Array:
+        """(..., shape of the last `trailing` dimensions) as (B, …)."""
+        own = array.shape[array.ndim - trailing :]
+        try:
+            wide = np.broadcast_to(array, (*self.batch, *own))
+        except ValueError:
+            raise InputError(
+                f"a prior or bound has a batch of {array.shape[: array.ndim - trailing]}, the problem of {self.batch}"
+            ) from None
+        return wide.reshape(self.count, *own)
+
+
+def _box(boxes: Sequence[IntervalRows], infinite: Array, flat: _Flat) -> tuple[Array, Array]:
+    """The intersection of boxes, (B, p) each side."""
+    lower, upper = -infinite, infinite.copy()
+    for part in boxes:
+        where = np.argmax(part.matrix, axis=-1)
+        lower[:, where] = np.maximum(lower[:, where], flat(part.lower, 1))
+        upper[:, where] = np.minimum(upper[:, where], flat(part.upper, 1))
+    return lower, upper
 
 
 def _row_unit(matrix: Array, rows: PriorRows) -> float:

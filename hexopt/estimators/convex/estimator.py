@@ -25,6 +25,7 @@ from .duals import named_duals, solution_duals
 from .posed import Posed, Settings, in_batch, posed, reference
 from .posing import pose
 from .routes import BACKENDS, Answer, closed_form, judged, solve
+from .settings import nested, several
 from .uncertainty import least_squares_uncertainty, uncertainty
 from .uniqueness import undecided, unseen_by_rows
 
@@ -69,10 +70,11 @@ class ConvexEstimator:
     Notes
     -----
     Every success carries a gap ≤ ``1e-8·(1 + |objective|)``, computed from the returned point and balanced duals,
-    whatever solver found it; smooth losses are moreover within 1e-6 σ of the optimum. ``found.duals`` holds the
-    forces: "rows" (one a row, ψ of smooth losses), and one entry a constraint, positive where its upper bound holds.
-    With fewer poses than unknowns a prior or bounds may make the answer unique: ``found.unseen`` then names what they
-    decided. With active constraints the covariance is that of the free directions.
+    whatever solver found it; smooth losses, free or in a box, are moreover within 1e-6 σ of the optimum (relative to
+    the objective where that is large). The optimum of ``L1`` and ``Chebyshev`` need not be unique. ``found.duals``
+    holds the forces: "rows" (one a row, ψ of smooth losses), and one entry a constraint, positive where its upper
+    bound holds. With fewer poses than unknowns a prior or bounds may make the answer unique: ``found.decided`` then
+    names what they decided. With active constraints the covariance is that of the free directions.
 
     References
     ----------
@@ -107,13 +109,13 @@ class ConvexEstimator:
     def __post_init__(self) -> None:
         if not isinstance(self.loss, Loss):
             raise InputError(f"loss: expected a loss such as Huber(1.345), got {self.loss!r}")
-        object.__setattr__(self, "prior", _several("prior", self.prior, Prior, "GaussianPrior(…)"))
-        object.__setattr__(self, "bounds", _several("bounds", self.bounds, Constraint, "Box(…)"))
+        object.__setattr__(self, "prior", several("prior", self.prior, Prior, "GaussianPrior(…)"))
+        object.__setattr__(self, "bounds", several("bounds", self.bounds, Constraint, "Box(…)"))
         if self.weights is not None and not isinstance(self.weights, str):
             weights = as_array("weights", self.weights, ("m",), own=True)
             if (weights < 0).any():
                 raise InputError(f"weights: expected numbers ≥ 0, found {weights.min():g}")
-            object.__setattr__(self, "weights", _nested(weights.tolist()))
+            object.__setattr__(self, "weights", nested(weights.tolist()))
         elif self.weights not in (None, "model"):
             raise InputError(f"weights: expected None, 'model' or an array, got {self.weights!r}")
         number = isinstance(self.scale, Real) and not isinstance(self.scale, bool)
@@ -285,16 +287,3 @@ class ConvexEstimator:
                 in_batch(answer.values, target.batch_shape),
             )
         return least_squares_uncertainty(target, made, answer, known, kind)
-
-
-def _several(name: str, value: Any, kind: type, example: str) -> tuple[Any, ...]:
-    """One or several parts as a tuple."""
-    parts = () if value is None else (value,) if isinstance(value, kind) else value
-    if not isinstance(parts, (tuple, list)) or not all(isinstance(part, kind) for part in parts):
-        raise InputError(f"{name}: expected {example}, or a list of such, got {value!r}")
-    return tuple(parts)
-
-
-def _nested(value: Any) -> Any:
-    """Nested lists as nested tuples, which can be compared."""
-    return tuple(_nested(part) for part in value) if isinstance(value, list) else value
