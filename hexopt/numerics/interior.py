@@ -44,7 +44,7 @@ STIFF = 1e8
 #: The multiplier where there is no pair, and the least divisor.
 TINY = 1e-300
 #: How many numbers the matrices of one chunk of the batch hold, so that it stays in the cache.
-CHUNK = 210_000
+CHUNK = 300_000
 #: Members that are done leave the arrays when no more than this share is left.
 COMPRESS = 0.75
 
