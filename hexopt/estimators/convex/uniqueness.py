@@ -47,7 +47,7 @@ def undecided(problem: LinearProblem, assembly: Assembly, answer: Answer, full: 
     """Members whose answer is not unique, and members of which the rows alone do not decide all, both (B,).
 
     Beside the rows and normal priors (which have full rank where `full`), an entry is decided by an active bound
-    or by the kink of a lasso.
+    by the kink of a lasso, or across the deviation of a joint.
     """
     data = assembly.programme.terms[0]
     rows, size = data.matrix.shape[-2:]
@@ -96,7 +96,9 @@ def _rank_of(programme: Programme, answer: Answer, held: tuple[Any, ...], member
             z, u = matrix @ x - term.rhs[member], answer.certificate.rows[number][member]
             z, u = z.reshape(-1, term.size), u.reshape(-1, term.size)
             kink = (norm(z) <= KINK) & (norm(u) <= (1 - KINK) * term.loss.bound)
-            matrix = matrix[np.repeat(kink, term.size)]
+            unit = z / np.maximum(norm(z), 1e-300)[:, None]  # away from its kink a length is curved across z
+            across = np.eye(term.size) - np.where(kink[:, None, None], 0.0, unit[:, :, None] * unit[:, None, :])
+            matrix = (across @ matrix.reshape(len(z), term.size, -1)).reshape(matrix.shape)
         parts.append(matrix)
     parts += [part.matrix[member][rows[member]] for part, rows in zip(programme.intervals, intervals, strict=True)]
     parts += [ball.matrix[member] for ball, one in zip(programme.balls, balls, strict=True) if one[member]]
