@@ -493,3 +493,12 @@ def test_normal_moments_of_a_loss_of_ones_own():
     loss = PseudoHuber()
     expected = (loss.psi_prime(z).mean(), np.square(loss.psi(z)).mean())
     np.testing.assert_allclose(normal_moments(loss, 3), expected, rtol=5e-3)
+
+
+def test_a_loss_that_cannot_be_hashed_has_moments_too():
+    """Such as a dataclass that is not frozen."""
+
+    class Loose(hx.Huber):
+        __hash__ = None
+
+    assert normal_moments(Loose(1.345), 3) == normal_moments(hx.Huber(1.345), 3)

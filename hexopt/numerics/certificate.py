@@ -23,6 +23,8 @@ __all__ = ["NEAR", "Certificate", "certify"]
 
 #: Rounds of restoring the balance: the first does it, the others take away its rounding.
 ROUNDS = 3
+#: An imbalance of this share of the largest force is rounding, in columns of unit length.
+ROUNDING = 1e-14
 #: How near a bound, relative to 1 + |x|, a multiplier may stand there.
 NEAR = 1e-8
 #: The least freedom of a dual: it moves where nothing else can.
@@ -107,10 +109,6 @@ def _balanced(
     programme: Programme, x: Array, z: list[Array], u: list[Array], w: list[Array], sides: list[Array]
 ) -> tuple[list[Array], list[Array], Array]:
     """The duals moved until they balance but for what the box takes, and what is left."""
-    freed = [_freed(t, a, b) for t, a, b in zip(programme.terms, z, u, strict=True)]
-    held = [transpose(share[..., None] * side) for side, share in zip(sides, _held(programme, x, w), strict=True)]
-    matrices = [term.matrix for term in programme.terms] + sides
-    gram = np.asarray(sum(free @ matrix for matrix, free in zip(matrices, freed + held, strict=True)))
 
     def imbalance() -> Array:
         pulled = [term.pulled(part) for term, part in zip(programme.terms, u, strict=True)]
@@ -119,6 +117,12 @@ def _balanced(
 
     left = imbalance()
     taken = _absorbs(programme, x, left)
+    if _is_rounding(np.where(taken, 0.0, left), u):
+        return u, w, left
+    freed = [_freed(t, a, b) for t, a, b in zip(programme.terms, z, u, strict=True)]
+    held = [transpose(share[..., None] * side) for side, share in zip(sides, _held(programme, x, w), strict=True)]
+    matrices = [term.matrix for term in programme.terms] + sides
+    gram = np.asarray(sum(free @ matrix for matrix, free in zip(matrices, freed + held, strict=True)))
     inverse = _regular_inverse(gram, taken)
     for _ in range(ROUNDS):
         step = matvec(inverse, np.where(taken, 0.0, left))
@@ -127,6 +131,12 @@ def _balanced(
         w = _signed(programme, w)
         left = imbalance()
     return u, w, left
+
+
+def _is_rounding(left: Array, u: list[Array]) -> bool:
+    """Whether an imbalance is no more than what the sums of the forces round."""
+    force = np.max([np.abs(part).max(initial=0.0) for part in u])
+    return bool(np.abs(left).max(initial=0.0) <= ROUNDING * (1 + force))
 
 
 def _held(programme: Programme, x: Array, w: list[Array]) -> list[Array]:
@@ -161,8 +171,6 @@ def _signed(programme: Programme, w: list[Array]) -> list[Array]:
 
 def _freed(term: Term, z: Array, u: Array) -> Array:
     """The columns of a term times how freely its duals move, (B, p, m)."""
-    if term.is_quadratic:
-        return term.columns
     return term.acted(lambda rows: term.loss.freed(z, u, rows) + ROOM * rows)
 
 

@@ -109,7 +109,12 @@ class Term:
         return rows.reshape(*rows.shape[:-1], rows.shape[-1] // self.size, self.size)
 
     def acted(self, action: Callable[[Array], Array]) -> Array:
-        """(D A)ᵀ for a symmetric D that acts on rows (B, k, size, c), such as ψ′; shape (B, p, m)."""
+        """(D A)ᵀ for a symmetric D that acts on rows (B, k, size, c), such as ψ′; shape (B, p, m).
+
+        Of a quadratic loss D is taken to be 1.
+        """
+        if self.is_quadratic:
+            return self.columns
         shape = (*self.rhs.shape[:-1], self.rhs.shape[-1] // self.size, self.size)
         if self.loss.per == "pose":
             rows = action(self.matrix.reshape(*shape, self.matrix.shape[-1]))

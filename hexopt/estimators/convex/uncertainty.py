@@ -13,6 +13,7 @@ beyond the threshold add no information, and their forces add variance.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,18 @@ def normal_moments(loss: Loss, size: int) -> tuple[float, float]:
     By the midpoint rule over the length r of a block, and Stein's identity
     :math:`E\,\partial\psi_i/\partial z_i = E\,z_i\psi_i`.
     """
+    try:
+        return _cached_moments(loss, size)
+    except TypeError:  # a loss that cannot be hashed
+        return _moments(loss, size)
+
+
+@lru_cache(maxsize=64)
+def _cached_moments(loss: Loss, size: int) -> tuple[float, float]:
+    return _moments(loss, size)
+
+
+def _moments(loss: Loss, size: int) -> tuple[float, float]:
     d = size if loss.per == "pose" else 1
     r = (np.arange(20000) + 0.5) * 5e-4
     density = r ** (d - 1) * np.exp(-0.5 * np.square(r))
@@ -60,7 +73,7 @@ def uncertainty(problem: LinearProblem, posed: Posed, answer: Answer, kind: str)
         return _none("the largest residual has no normal limit")
     if set(range(1, len(programme.terms))) - set(assembly.gaussian):
         return _none("a lasso is biased by design, and has no standard errors")
-    z = data.residual(answer.values)
+    z: Any = None if data.is_quadratic else data.residual(answer.values)  # whose curvature is 1 everywhere
     slope, square = normal_moments(loss, data.size)
     curved = data.acted((lambda rows: loss.curved(z, rows)) if loss.smooth else (lambda rows: slope * rows))
     own = curved @ data.matrix
@@ -68,12 +81,12 @@ def uncertainty(problem: LinearProblem, posed: Posed, answer: Answer, kind: str)
     for i in assembly.gaussian:
         prior = prior + programme.terms[i].columns @ programme.terms[i].matrix
     inner = _constrained_inverse(own + prior, programme, answer)
-    share = _seen_share(data, z, slope)
     gain = in_batch(posed.undivided(inner @ curved), batch)
     influence = problem.direct_gain(gain if posed.root is None else posed.root.after(gain))
     if data.is_quadratic:
         covariance = inner
     else:
+        share = _seen_share(data, z, slope)
         own = share[:, None, None] * own
         if (share < 1).any():
             inner = _constrained_inverse(own + prior, programme, answer)
@@ -96,7 +109,7 @@ def _seen_share(data: Term, z: Array, expected: float) -> Array:
     Rows that a fit with a small threshold interpolates are no evidence that rows are near.
     """
     loss: Any = data.loss
-    if not loss.smooth or data.is_quadratic:
+    if not loss.smooth:
         return np.ones(len(z))
     slope = loss.psi_prime(z)
     total = slope.sum(axis=(-2, -1)) if loss.per == "row" else np.einsum("...kii->...", slope)
