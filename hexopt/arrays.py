@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from .errors import InputError
 
-__all__ = ["Array", "BoolArray", "as_array", "as_generator", "frozen", "matvec", "norm", "transpose"]
+__all__ = ["Array", "BoolArray", "as_array", "as_generator", "brief", "frozen", "matvec", "norm", "transpose"]
 
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -58,7 +58,7 @@ def as_array(
             raise TypeError(f"{raw.dtype} is no type of real numbers")  # NumPy would read "1.5" and drop 2i
         array: Array = np.asarray(raw, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{name}: expected numbers, got {_brief(value)} ({error})") from None
+        raise InputError(f"{name}: expected numbers, got {brief(value)} ({error})") from None
     wanted = len(shape)
     fits = array.ndim >= wanted if batch else array.ndim == wanted
     fits = fits and all(
@@ -80,7 +80,8 @@ def as_array(
     return frozen(array)
 
 
-def _brief(value: object) -> str:
+def brief(value: object) -> str:
+    """`value` on one line of an error message, cut short."""
     text = " ".join(repr(value).split())  # one line
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -96,7 +97,7 @@ def as_generator(rng: int | np.random.Generator | np.random.SeedSequence | None)
     if rng is None:
         raise InputError("rng: a seed or a numpy.random.Generator is needed, e.g. rng=0")
     if isinstance(rng, bool) or not isinstance(rng, (int, np.integer, np.random.Generator, np.random.SeedSequence)):
-        raise InputError(f"rng: expected a seed or a numpy.random.Generator, got {_brief(rng)}")
+        raise InputError(f"rng: expected a seed or a numpy.random.Generator, got {brief(rng)}")
     if isinstance(rng, (int, np.integer)) and rng < 0:
         raise InputError(f"rng: a seed must not be negative, got {rng}")
     return np.random.default_rng(rng)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import Array, as_array
+from .arrays import Array, as_array, brief
 from .errors import InputError, UnitError
 from .geometry import LENGTH_UNITS, Leg
 from .parameters import Block, Parameters
@@ -57,14 +57,9 @@ def per_name(kind: str, argument: str, values: object) -> Mapping[str, Any]:
     """`values` as a mapping from parameter names, or an error that shows how to write it."""
     if not isinstance(values, Mapping) or not values or not all(isinstance(name, str) for name in values):
         raise InputError(
-            f"{kind}: {argument} is given by parameter name, such as {{'base_point': …}}; got {_brief(values)}"
+            f"{kind}: {argument} is given by parameter name, such as {{'base_point': …}}; got {brief(values)}"
         )
     return values
-
-
-def _brief(value: object) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def sized(name: str, value: Array, block: Block) -> Array:
@@ -90,7 +85,7 @@ def named_points(
     else:
         several = list(legs) if isinstance(legs, Iterable) else []
         if not several or not all(isinstance(leg, Leg) for leg in several):
-            raise InputError(f"{kind}.around: expected a Leg, or a list of legs, got {_brief(legs)}")
+            raise InputError(f"{kind}.around: expected a Leg, or a list of legs, got {brief(legs)}")
         unit = several[0].length_unit
         named = {f"leg{leg.number}.{name}": leg.block(name) for leg in several for name in POINTS}
     if isinstance(radius, Mapping):

@@ -15,7 +15,15 @@ from ..numerics.lstsq import EPS, LstsqSolution, null_combinations, solve, solve
 from ..problem import LinearProblem, Whitening
 from ..result import Estimate, Status
 
-__all__ = ["LeastSquares", "check_rows", "degrees_of_freedom", "linear_uncertainty", "status_of", "unseen_combinations"]
+__all__ = [
+    "LeastSquares",
+    "check_rows",
+    "combinations",
+    "degrees_of_freedom",
+    "linear_uncertainty",
+    "status_of",
+    "unseen_combinations",
+]
 
 #: Where the square of the condition number κ exceeds this many κ, normal equations may lose more than 100·eps·κ.
 NORMAL_EQUATIONS_LIMIT = 100.0
@@ -116,7 +124,7 @@ def check_rows(problem: LinearProblem) -> None:
     need = f"; {problem.name} needs at least {problem.minimum_poses} poses" if problem.minimum_poses else ""
     raise RankDeficientError(
         f"too few poses: {rows} equations for {unknowns} unknowns ({', '.join(problem.parameters.names)}){need}",
-        _combinations(problem, ()),
+        combinations(problem, ()),
     )
 
 
@@ -130,16 +138,17 @@ def unseen_combinations(problem: LinearProblem, solution: LstsqSolution) -> tupl
     if solution.full_rank.all():
         return ()
     first = np.unravel_index(int(np.argmin(solution.full_rank)), solution.full_rank.shape)
-    seen = _combinations(problem, first)
+    seen = combinations(problem, first)
     if seen:
         return seen
     lost = np.broadcast_to(problem.worst_cancellation, problem.batch_shape)[first]
     if solve_svd(problem.matrix[first], problem.rhs[first], lost).full_rank:
         return ("nothing, but the normal equations square the condition number",)
-    return _combinations(problem, first, at_least=1)
+    return combinations(problem, first, at_least=1)
 
 
-def _combinations(problem: LinearProblem, index: tuple[np.intp, ...], at_least: int = 0) -> tuple[str, ...]:
+def combinations(problem: LinearProblem, index: tuple[np.intp, ...], at_least: int = 0) -> tuple[str, ...]:
+    """What the rows of one problem of a batch do not see, in words."""
     if 0 in problem.batch_shape:
         return ()
     first = index or (0,) * len(problem.batch_shape)

@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import Array, norm
 from ..errors import InputError
 
-__all__ = ["Loss", "check_positive"]
+__all__ = ["Loss", "across", "check_positive", "factor_into"]
 
 #: How many trailing dimensions ρ has: (k, d) of rows, (k,) of poses, or none.
 _DIMENSIONS = {"row": 2, "pose": 1, "all": 0}
@@ -109,3 +109,14 @@ def check_positive(loss: Loss, value: object, name: str = "threshold") -> None:
     """A threshold or scale must be a finite number > 0."""
     if isinstance(value, bool) or not isinstance(value, Real) or not 0 < float(value) < float("inf"):
         raise InputError(f"{type(loss).__name__}: {name} must be a number > 0 (in σ), got {value!r}")
+
+
+def factor_into(size: Array, radius: float) -> Array:
+    """A factor ≤ 1 that brings a largest size (...) below a radius."""
+    return np.minimum(1.0, radius / np.maximum(size, 1e-300))
+
+
+def across(unit: Array, rows: Array) -> Array:
+    """The rows (..., k, d, p) without their part along unit vectors (..., k, d)."""
+    radial = np.einsum("...kd,...kdp->...kp", unit, rows)
+    return rows - unit[..., None] * radial[..., None, :]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array, norm
-from .base import Loss, check_positive
+from .base import Loss, across, check_positive, factor_into
 
 __all__ = ["GroupHuber", "GroupL1"]
 
@@ -61,8 +61,7 @@ class GroupHuber(Loss):
         size = norm(z)
         weight = self.threshold / np.maximum(size, self.threshold)
         unit = z * (np.where(size <= self.threshold, 0.0, weight) / self.threshold)[..., None]
-        radial = np.einsum("...kd,...kdp->...kp", unit, rows)
-        out = rows - unit[..., None] * radial[..., None, :]
+        out = across(unit, rows)
         out *= weight[..., None, None]
         return out
 
@@ -86,7 +85,7 @@ class GroupHuber(Loss):
 
     def shrink(self, u: Array) -> Array:
         """t over the longest block, where that is above t."""
-        return np.minimum(1.0, self.threshold / np.maximum(norm(u).max(axis=-1), 1e-300))
+        return factor_into(norm(u).max(axis=-1), self.threshold)
 
 
 @dataclass(frozen=True)
@@ -145,12 +144,10 @@ class GroupL1(Loss):
 
     def shrink(self, u: Array) -> Array:
         """s over the longest block, where that is above s."""
-        return np.minimum(1.0, self.scale / np.maximum(norm(u).max(axis=-1), 1e-300))
+        return factor_into(norm(u).max(axis=-1), self.scale)
 
     def freed(self, z: Array, u: Array, rows: Array) -> Array:
         """Rows times the share by which ‖u‖ stays below s, or across z, where u may turn with it."""
         inside = np.maximum(1 - norm(u) / self.scale, 0.0)[..., None, None] * rows
         size = np.maximum(norm(z), 1e-300)[..., None]
-        unit = z / size
-        across = rows - unit[..., None] * np.einsum("...kd,...kdp->...kp", unit, rows)[..., None, :]
-        return inside + np.minimum(self.scale / size, 1.0)[..., None] * across
+        return inside + np.minimum(self.scale / size, 1.0)[..., None] * across(z / size, rows)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from .base import Loss, check_positive
+from .base import Loss, check_positive, factor_into
 
 __all__ = ["L1", "Huber", "Quadratic"]
 
@@ -126,7 +126,7 @@ class Huber(Loss):
 
     def shrink(self, u: Array) -> Array:
         """t over the largest ``|u|``, where that is above t."""
-        return np.minimum(1.0, self.threshold / np.maximum(np.abs(u).max(axis=(-2, -1)), 1e-300))
+        return factor_into(np.abs(u).max(axis=(-2, -1)), self.threshold)
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class L1(Loss):
 
     def shrink(self, u: Array) -> Array:
         """s over the largest ``|u|``, where that is above s."""
-        return np.minimum(1.0, self.scale / np.maximum(np.abs(u).max(axis=(-2, -1)), 1e-300))
+        return factor_into(np.abs(u).max(axis=(-2, -1)), self.scale)
 
     def freed(self, z: Array, u: Array, rows: Array) -> Array:
         """Rows times the share by which ``|u|`` stays below s."""

@@ -123,13 +123,18 @@ def _on_robustness(table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
+def _sets(found: pd.DataFrame) -> pd.Series:
+    """Which sets each row of a table is of."""
+    return found["kind"].map(TYPES) + ", N = " + found["n_poses"].astype(str)
+
+
 def _on_coverage(rows: pd.DataFrame) -> pd.DataFrame:
     found = coverage(rows)
     found = found[found["method"] == GLS]
     return pd.DataFrame(
         {
             "claim": "95 % intervals of GLS, normal errors: per cent covered",
-            "sets": found["kind"].map(TYPES) + ", N = " + found["n_poses"].astype(str),
+            "sets": _sets(found),
             "wanted": f"95 ± {POINTS_OFF:g}",
             "found": found["pooled"],
             "error": found["pooled_error"],
@@ -145,7 +150,7 @@ def _on_efficiency(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "claim": "RMS error of GLS direct over the Cramér–Rao bound",
-            "sets": found["kind"].map(TYPES) + ", N = " + found["n_poses"].astype(str),
+            "sets": _sets(found),
             "wanted": f"at most {1 + NEAR_BOUND:g}",
             "found": found["ratio"],
             "error": found["ratio_error"],

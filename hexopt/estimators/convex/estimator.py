@@ -20,14 +20,14 @@ from ...numerics.programme import Solution
 from ...priors import Prior
 from ...problem import LinearProblem
 from ...result import Certificate, Estimate, Status
-from ..least_squares import check_rows, degrees_of_freedom, linear_uncertainty, unseen_combinations
+from ..least_squares import check_rows, combinations, degrees_of_freedom, linear_uncertainty, unseen_combinations
 from .duals import named_duals, solution_duals
 from .posed import Posed, Settings, in_batch, posed, reference
 from .posing import pose
 from .routes import BACKENDS, Answer, closed_form, judged, solve
 from .settings import nested, several
 from .uncertainty import least_squares_uncertainty, uncertainty
-from .uniqueness import undecided, unseen_by_rows
+from .uniqueness import undecided
 
 __all__ = ["ConvexEstimator"]
 
@@ -242,7 +242,8 @@ class ConvexEstimator:
             ("unseen", codes == Status.RANK_DEFICIENT),
             ("decided", partial & (codes == Status.OPTIMAL)),
         ):
-            words[name] = unseen_by_rows(target, int(np.argmax(which))) if which.any() else ()
+            first = np.unravel_index(int(np.argmax(which)), target.batch_shape) if which.any() else None
+            words[name] = () if first is None else combinations(target, first)
         return codes, words
 
     def _chi2(self, made: Posed, answer: Answer, batch: tuple[int, ...]) -> Any:

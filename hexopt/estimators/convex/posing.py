@@ -11,14 +11,14 @@ import numpy as np
 from ...arrays import Array
 from ...numerics.programme import Programme, Solution
 
-__all__ = ["CLARABEL", "Posed", "pose", "solve_cvxpy"]
+__all__ = ["CLARABEL", "Formulation", "pose", "solve_cvxpy"]
 
 #: Clarabel's tolerances are absolute; its defaults leave answers off by up to 5e-4 σ.
 CLARABEL = {"tol_gap_abs": 1e-13, "tol_gap_rel": 1e-13, "tol_feas": 1e-13, "max_iter": 200}
 
 
 @dataclass(frozen=True, eq=False)
-class Posed:
+class Formulation:
     """A cvxpy problem, its variable, and the constraints by part: their duals are those of the programme."""
 
     problem: Any
@@ -28,7 +28,7 @@ class Posed:
     balls: list[Any]
 
 
-def pose(programme: Programme, member: int, *, with_rows: bool = False) -> Posed:
+def pose(programme: Programme, member: int, *, with_rows: bool = False) -> Formulation:
     """One member of the batch as a cvxpy problem in the variable ``x``, and on request in its residuals too."""
     import cvxpy as cp
 
@@ -47,7 +47,7 @@ def pose(programme: Programme, member: int, *, with_rows: bool = False) -> Posed
     intervals = [_between(part.matrix @ x, part.lower, part.upper) for part in one.intervals]
     constraints += [part for pair in intervals for part in pair if part is not None]
     balls = [cp.norm(part.matrix @ x - part.centre, 2) <= float(part.radius) for part in one.balls]
-    return Posed(cp.Problem(cp.Minimize(objective), constraints + balls), x, rows, intervals, balls)
+    return Formulation(cp.Problem(cp.Minimize(objective), constraints + balls), x, rows, intervals, balls)
 
 
 def _between(side: Any, lower: Array, upper: Array) -> tuple[Any, Any]:
@@ -90,7 +90,7 @@ def solve_cvxpy(programme: Programme) -> Solution:
     return Solution(values, converged, iterations, tuple(rows), tuple(intervals), tuple(balls), infeasible)
 
 
-def _solved(programme: Programme) -> tuple[Posed | None, str]:
+def _solved(programme: Programme) -> tuple[Formulation | None, str]:
     import cvxpy as cp
 
     posed = pose(programme, 0, with_rows=True)

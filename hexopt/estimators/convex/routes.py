@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,19 +54,22 @@ class Answer:
         """The answer of some members of a batch of `count`; the others have NaN and nothing proven."""
 
         def wide(part: Any) -> Any:
-            if isinstance(part, tuple):
-                return tuple(wide(one) for one in part)
             missing = np.nan if part.dtype.kind == "f" else 0
             out = np.full((count, *part.shape[1:]), missing, dtype=part.dtype)
             out[where] = part
             return out
 
-        certificate = Certificate(**{item.name: wide(getattr(self.certificate, item.name)) for item in _PROOF})
-        names = ("values", "objective", "proven", "infeasible", "iterations")
-        return Answer(certificate=certificate, **{name: wide(getattr(self, name)) for name in names})
+        return _arraywise(wide, self)
 
 
-_PROOF = fields(Certificate)
+def _arraywise(change: Callable[..., Any], *parts: Any) -> Any:
+    """Answers (or what they hold) of one structure as one, every array being `change` of theirs."""
+    if isinstance(parts[0], tuple):
+        return tuple(_arraywise(change, *pieces) for pieces in zip(*parts, strict=True))
+    if not is_dataclass(parts[0]):
+        return change(*parts)
+    names = [item.name for item in fields(parts[0])]
+    return replace(parts[0], **{name: _arraywise(change, *(getattr(part, name) for part in parts)) for name in names})  # type: ignore[type-var]
 
 
 def solve(programme: Programme, backend: str, known: LstsqSolution) -> Answer:
@@ -79,7 +82,7 @@ def solve(programme: Programme, backend: str, known: LstsqSolution) -> Answer:
     for start in range(0, max(programme.batch, 1), CHUNK):
         part = slice(start, start + CHUNK)
         answers.append(_solve_chunk(programme.take(part), routes, known.values[part], known.condition[part]))
-    return answers[0] if len(answers) == 1 else _concatenated(answers)
+    return answers[0] if len(answers) == 1 else _arraywise(lambda *parts: np.concatenate(parts), *answers)
 
 
 def _solve_chunk(programme: Programme, routes: Sequence[Route], start: Array, condition: Array) -> Answer:
@@ -248,20 +251,6 @@ def _orthonormal(programme: Programme) -> tuple[Programme, Array, Array]:
     return replace(programme, terms=terms), s[:, :, None] * vt, np.swapaxes(vt, -1, -2) / s[:, None, :]
 
 
-def _concatenated(answers: Sequence[Answer]) -> Answer:
-    """One answer of the answers of several chunks."""
-
-    def joined(parts: Sequence[Any]) -> Any:
-        if isinstance(parts[0], tuple):
-            return tuple(joined(pieces) for pieces in zip(*parts, strict=True))
-        return np.concatenate(parts)
-
-    proofs = [answer.certificate for answer in answers]
-    certificate = Certificate(**{item.name: joined([getattr(one, item.name) for one in proofs]) for item in _PROOF})
-    names = ("values", "objective", "proven", "infeasible", "iterations")
-    return Answer(certificate=certificate, **{name: joined([getattr(one, name) for one in answers]) for name in names})
-
-
 def _merged(answer: Answer, other: Answer, where: Any) -> Answer:
     """`answer` with the members at `where` taken from `other` if that is proven, or closer to it."""
     mine, theirs = answer.certificate, other.certificate
@@ -271,23 +260,10 @@ def _merged(answer: Answer, other: Answer, where: Any) -> Answer:
     chosen = where[source]
 
     def put(mine: Any, theirs: Any) -> Any:
-        if isinstance(mine, tuple):
-            return tuple(put(a, b) for a, b in zip(mine, theirs, strict=True))
         out = np.array(mine)
         out[chosen] = theirs[source]
         return out
 
-    certificate = Certificate(
-        **{
-            item.name: put(getattr(answer.certificate, item.name), getattr(other.certificate, item.name))
-            for item in _PROOF
-        }
-    )
-    names = ("values", "objective", "proven", "infeasible")
     iterations = np.array(answer.iterations)
     iterations[where] += other.iterations
-    return Answer(
-        certificate=certificate,
-        iterations=iterations,
-        **{name: put(getattr(answer, name), getattr(other, name)) for name in names},
-    )
+    return replace(_arraywise(put, answer, other), iterations=iterations)

@@ -7,25 +7,17 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array, BoolArray, matvec, norm, transpose
-from ...numerics.lstsq import null_combinations, rank_tolerance
+from ...numerics.lstsq import rank_tolerance
 from ...numerics.lstsq import solve as solve_lstsq
 from ...numerics.programme import Programme
 from ...problem import LinearProblem
 from .assembly import Assembly
 from .routes import Answer
 
-__all__ = ["holding", "undecided", "unseen_by_rows", "unweighted_about"]
+__all__ = ["holding", "undecided", "unweighted_about"]
 
 #: Residuals below this (in σ) are at the kink of a loss, and duals above this share of it hold there.
 KINK = 1e-6
-
-
-def unseen_by_rows(problem: LinearProblem, member: int) -> tuple[str, ...]:
-    """The combinations that the rows of one member of the flat batch do not see, in words."""
-    matrix = problem.matrix.reshape(-1, *problem.matrix.shape[-2:])[member]
-    lost = np.broadcast_to(problem.cancellation, (*problem.batch_shape, problem.parameters.size))
-    vectors = null_combinations(matrix, lost.reshape(-1, problem.parameters.size)[member], threshold=0.05)
-    return tuple(problem.parameters.combination(vector, threshold=0.0) for vector in vectors)
 
 
 def unweighted_about(problem: LinearProblem, centre: Array) -> Array:
@@ -46,7 +38,7 @@ def unweighted_about(problem: LinearProblem, centre: Array) -> Array:
 def undecided(problem: LinearProblem, assembly: Assembly, answer: Answer, full: BoolArray) -> tuple[BoolArray, ...]:
     """Members whose answer is not unique, and members of which the rows alone do not decide all, both (B,).
 
-    Beside the rows and normal priors (which have full rank where `full`), an entry is decided by an active bound
+    Beside the rows and normal priors (which have full rank where `full`), an entry is decided by an active bound,
     by the kink of a lasso, or across the deviation of a joint.
     """
     data = assembly.programme.terms[0]
