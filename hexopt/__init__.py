@@ -26,22 +26,34 @@ _HOMES = {
     "measurements": "LegMeasurements Lock Measurements",
     "parameters": "Block Parameters",
     "kinematics": "inverse_kinematics reachable",
+    "numerics.burmester": "BurmesterSolutions",
     "problem": "LinearProblem",
     "result": "Certificate Estimate Status estimate",
+    "forward": "PoseSolution forward_kinematics",
     "loops.joining": "join",
     "simulation": "simulate simulate_leg",
     "losses": "Chebyshev GroupHuber GroupL1 Huber L1 Quadratic",
     "priors": "GaussianPrior Lasso Ridge",
     "constraints": "Ball Box Linear",
     "estimators.convex": "ConvexEstimator",
+    "estimators.geng_haynes": "GengHaynes",
+    "estimators.innocenti": "Innocenti",
     "estimators.inverse_kinematics": "InverseKinematics",
     "estimators.least_squares": "LeastSquares",
+    "estimators.maximum_likelihood": "MaximumLikelihood",
+    "estimators.wampler": "WamplerImplicit",
+    "estimators.murareci": "Murareci",
+    "estimators.pose_fit": "ForwardKinematics",
     "estimators.reweighted": "Reweighted",
-    "calibration": "Calibration FreePoses OneStep ThreeStep calibrate",
+    "estimators.total_least_squares": "TotalLeastSquares",
+    "estimators.unit_norm": "UnitNormLeastSquares",
+    "estimators.zhuang_roth": "ZhuangRoth",
+    "sequential": "Recursive RecursiveState Unscented UnscentedState",
+    "calibration": "Calibration FreePoses Joint OneStep ThreeStep calibrate pose_covariance",
     "readers": "read_measurements write_measurements",
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
-_MODULES = ("errors", "loops", "robots", "rotations", "testing")
+_MODULES = ("errors", "loops", "robots", "rotations", "symbolic", "testing")
 
 __all__ = sorted([*_HOME_OF, *_MODULES, "__version__"])  # built from the table above
 

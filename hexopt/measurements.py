@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from .errors import InputError, LockError, UnitError
 from .geometry import Hexapod, Leg, check_length_unit
 from .geometry.leg import check_leg_number
 from .noise import IndexedNoise, Noise
-from .rotations import check_rotation
+from .rotations import check_rotation, rotation_vector_to_matrix
 
 __all__ = ["LegMeasurements", "Lock", "Measurements"]
 
@@ -58,10 +59,18 @@ def _check_unit(unit: str, nominal: Leg | Hexapod | None) -> str:
     return label
 
 
+def _indices(index: Any) -> npt.NDArray[Any]:
+    """An array that indexes; an empty list is one of whole numbers."""
+    array = np.atleast_1d(index)
+    return array if array.size else array.astype(int)
+
+
 class _Poses:
     """What both kinds of measurements share: the batch of sets, and views of it."""
 
     position: Array
+    rotation: Array
+    length: Array | None
     noise: Noise | None
 
     @property
@@ -82,6 +91,24 @@ class _Poses:
 
     def _sliced(self, **arrays: Any) -> Any:
         return replace(self, **arrays)  # type: ignore[type-var]  # both users are dataclasses
+
+    def shifted(self, error: Array) -> Self:
+        r"""The measurements moved by errors :math:`e = (\delta P, \delta\omega, \delta\rho)`, (..., n, 6 + readings).
+
+        Every pose becomes :math:`P + \delta P`, :math:`\exp([\delta\omega]_\times) R`, :math:`\rho + \delta\rho`.
+        """
+        length = self.length
+        if length is not None:
+            length = length + (error[..., 6:] if length.ndim == self.position.ndim else error[..., 6])
+        turned = rotation_vector_to_matrix(error[..., 3:6]) @ self.rotation
+        return self.moved_to(self.position + error[..., :3], turned, length)
+
+    def moved_to(self, position: Array, rotation: Array, length: Array | None) -> Self:
+        """The same with other values, which are not checked again."""
+        moved = copy.copy(self)
+        for name, array in (("position", position), ("rotation", rotation), ("length", length)):
+            object.__setattr__(moved, name, array)
+        return moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +200,7 @@ class LegMeasurements(_Poses):
 
     def poses(self, index: Any) -> LegMeasurements:
         """Some poses of every set: an integer array, a list or a slice."""
-        index = np.atleast_1d(index) if not isinstance(index, slice) else index
+        index = index if isinstance(index, slice) else _indices(index)
         length = None if self.length is None else self.length[..., index]
         result: LegMeasurements = self._sliced(
             position=self.position[..., index, :],
@@ -261,7 +288,7 @@ class Measurements(_Poses):
 
     def poses(self, index: Any) -> Measurements:
         """Some poses of every set: an integer array, a list or a slice."""
-        index = np.atleast_1d(index) if not isinstance(index, slice) else index
+        index = index if isinstance(index, slice) else _indices(index)
         result: Measurements = self._sliced(
             position=self.position[..., index, :],
             rotation=self.rotation[..., index, :, :],

@@ -81,7 +81,7 @@ class Estimate:
     chi2 : ndarray, shape (...), or None
         Weighted sum of squared residuals; None for unweighted estimates.
     influence : ndarray, shape (..., p, n, d), or None
-        ∂values/∂(direct rows), by which the errors of poses are carried on.
+        −∂values/∂(direct rows), by which the errors of poses are carried on.
     iterations : ndarray of int, shape (...)
         0 for closed forms.
     duals : dict of str to ndarray

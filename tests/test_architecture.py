@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FLOORS = [
     ["errors", "arrays", "files", "rotations"],
     ["geometry", "robots", "noise", "measurements", "parameters"],
-    ["kinematics", "numerics", "problem", "summaries", "result"],
+    ["kinematics", "numerics", "problem", "summaries", "result", "forward"],
     ["loops", "propagation", "information", "losses", "named", "priors", "constraints", "poses", "simulation"],
     ["symbolic", "estimators", "selection"],
     ["sequential", "calibration", "readers", "plots", "report", "testing", "cli"],

@@ -9,7 +9,8 @@ from ..errors import EstimationError, InputError, LockError, UnitError
 from ..geometry import Hexapod
 from ..measurements import LegMeasurements, Lock, Measurements
 from ..result import Estimator
-from .methods import Method
+from .joint import Joint
+from .methods import Method, leg_views
 from .report import Calibration
 
 __all__ = ["calibrate"]
@@ -18,21 +19,23 @@ __all__ = ["calibrate"]
 def calibrate(
     robot: Hexapod,
     sets: Sequence[LegMeasurements | Measurements] | LegMeasurements | Measurements,
-    method: Method,
+    method: Method | Joint | None = None,
     estimator: Estimator | None = None,
 ) -> Calibration:
-    """Calibrate a robot, each measured leg in turn.
+    """Calibrate a robot: all that was measured at once, or each measured leg in turn.
 
     Parameters
     ----------
     robot : Hexapod
         The nominal: it lends what the method does not estimate (and a start to nonlinear methods).
     sets : list of LegMeasurements or Measurements
-        One set for each leg and lock that the method needs, in any order; of :class:`Measurements` under a
-        lock the locked leg is used, of unlocked ones all six. Legs without a set keep their nominal.
-    method : OneStep, ThreeStep or FreePoses
+        In any order. :class:`Joint` uses all readings of any sets. The other methods need one set for each leg and
+        lock; of :class:`Measurements` under a lock they use the locked leg, of unlocked ones all six. Legs without
+        a set keep their nominal.
+    method : Joint, OneStep, ThreeStep or FreePoses, default ``Joint()``
     estimator : Estimator, optional
-        By default ``LeastSquares()`` for the linear methods, ``InverseKinematics()`` for free poses.
+        By default ``MaximumLikelihood()`` for Joint, which needs a noise model; ``LeastSquares()`` for the linear
+        methods, ``InverseKinematics()`` for free poses.
 
     Returns
     -------
@@ -59,12 +62,25 @@ def calibrate(
     >>> result = hx.calibrate(robot.perturbed(0.5, rng=0), sets, hx.OneStep())
     >>> bool(abs(result.robot.base_points - robot.base_points).max() < 1e-9)
     True
+
+    All readings of the same six sets, in one likelihood, see the offsets too:
+
+    >>> noise = hx.UniformNoise(0.01, 1e-4, 0.01)
+    >>> sets = [hx.simulate(robot, "direction", 7, leg=k, noise=noise, rng=k) for k in range(1, 7)]
+    >>> result = hx.calibrate(robot.perturbed(0.5, offsets=0.1, rng=0), sets)
+    >>> bool(abs(result.robot.offsets - robot.offsets).max() < 0.2)
+    True
     """
     if not isinstance(robot, Hexapod):
         raise InputError(f"robot: expected a Hexapod, got {type(robot).__name__}")
-    if isinstance(method, type) or not hasattr(method, "calibrate_leg"):
-        raise InputError(f"method: expected OneStep(), ThreeStep() or FreePoses(), got {method!r}")
-    by_leg = _sorted_sets(robot, [sets] if isinstance(sets, (LegMeasurements, Measurements)) else list(sets), method)
+    method = Joint() if method is None else method
+    if isinstance(method, type) or not (hasattr(method, "calibrate_leg") or isinstance(method, Joint)):
+        raise InputError(f"method: expected Joint(), OneStep(), ThreeStep() or FreePoses(), got {method!r}")
+    given = [sets] if isinstance(sets, (LegMeasurements, Measurements)) else list(sets)
+    _check_sets(robot, given)
+    if isinstance(method, Joint):
+        return method.calibrate_robot(robot, given, estimator)
+    by_leg = _sorted_sets(robot, given, method)
     legs = {}
     for number in sorted(by_leg):
         missing = [str(lock) for lock in method.locks if lock not in by_leg[number]]
@@ -79,12 +95,9 @@ def calibrate(
     return Calibration(calibrated, robot, legs, repr(method))
 
 
-def _sorted_sets(
-    robot: Hexapod, sets: Sequence[LegMeasurements | Measurements], method: Method
-) -> dict[int, dict[Lock, LegMeasurements]]:
+def _check_sets(robot: Hexapod, sets: Sequence[LegMeasurements | Measurements]) -> None:
     if not sets:
         raise InputError("sets: there are no measurements")
-    by_leg: dict[int, dict[Lock, LegMeasurements]] = {}
     for data in sets:
         if not isinstance(data, (LegMeasurements, Measurements)):
             raise InputError(f"sets: expected LegMeasurements or Measurements, got {type(data).__name__}")
@@ -92,20 +105,19 @@ def _sorted_sets(
             raise InputError(f"sets: calibrate takes single sets, got a batch of {data.batch_shape}; write data[i]")
         if data.length_unit != robot.length_unit:
             raise UnitError(f"the measurements are in {data.length_unit}, the robot in {robot.length_unit}")
+
+
+def _sorted_sets(
+    robot: Hexapod, sets: Sequence[LegMeasurements | Measurements], method: Method
+) -> dict[int, dict[Lock, LegMeasurements]]:
+    by_leg: dict[int, dict[Lock, LegMeasurements]] = {}
+    for data in sets:
         if data.lock not in method.locks:
             wanted = " and ".join(repr(str(lock)) for lock in method.locks)
             raise LockError(f"{method!r} uses sets with the lock {wanted}; one has {str(data.lock)!r}")
-        for number, part in leg_views(data):
+        for number, part in leg_views(data, locked=True):
             leg_sets = by_leg.setdefault(number, {})
             if part.lock in leg_sets:
                 raise InputError(f"leg {number} has two sets with the lock {str(part.lock)!r}; give one of each")
             leg_sets[part.lock] = replace(part, nominal=robot.leg(number))
     return by_leg
-
-
-def leg_views(data: LegMeasurements | Measurements) -> list[tuple[int, LegMeasurements]]:
-    """The legs that a set is used for, by number: the locked one, or all six where none is."""
-    if isinstance(data, LegMeasurements):
-        return [(data.leg, data)]
-    numbers = range(1, 7) if data.locked_leg is None else [data.locked_leg]
-    return [(number, data.leg(number)) for number in numbers]

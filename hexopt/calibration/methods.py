@@ -12,15 +12,16 @@ from ..arrays import Array, norm
 from ..errors import InputError
 from ..estimators.inverse_kinematics import InverseKinematics
 from ..estimators.least_squares import LeastSquares
+from ..geometry import Leg
 from ..geometry.leg import LEG_BLOCKS
 from ..kinematics import leg_vector
 from ..loops import FixedDirection, FixedLeg, FixedLength, LegLength
-from ..measurements import LegMeasurements, Lock
+from ..measurements import LegMeasurements, Lock, Measurements
 from ..propagation import Gain, joint_covariance, pose_gain
 from ..result import Estimate, Estimator, estimate
 from .report import LegCalibration
 
-__all__ = ["FreePoses", "Method", "OneStep", "ThreeStep"]
+__all__ = ["FreePoses", "Method", "OneStep", "ThreeStep", "leg_calibration", "leg_views", "model_blocks"]
 
 
 class Method(Protocol):
@@ -59,7 +60,7 @@ class OneStep:
         found = estimate(FixedDirection(data).linear(self.form), estimator or LeastSquares())
         names = ("platform_point", "base_point")
         covariance = None if found.covariance is None else found.covariance_of(*names)
-        return _leg_calibration(
+        return leg_calibration(
             {"direction": found},
             {name: found.params[name] for name in names},
             covariance,
@@ -112,7 +113,7 @@ class ThreeStep:
                 gains[name] = pose_gain(loop, found, name, gains)
             covariance = joint_covariance(gains)
         values = {name: found.params[name] for name, found in steps.items()}
-        return _leg_calibration(steps, values, covariance, kind, [leg_set, length_set])
+        return leg_calibration(steps, values, covariance, kind, [leg_set, length_set])
 
 
 @dataclass(frozen=True)
@@ -132,25 +133,41 @@ class FreePoses:
     locks = (Lock.NONE,)
 
     def __post_init__(self) -> None:
-        if self.model not in (36, 42, 48):
-            raise InputError(f"model: expected 36, 42 or 48 parameters, got {self.model!r}")
+        model_blocks(self.model)
 
     def calibrate_leg(self, sets: Mapping[Lock, LegMeasurements], estimator: Estimator | None = None) -> LegCalibration:
         """All blocks of the model at once."""
         data = sets[Lock.NONE]
-        names = tuple(LEG_BLOCKS)[: {36: 2, 42: 3, 48: 4}[self.model]]
-        found = estimate(LegLength(data, unknown=names), estimator or InverseKinematics())
-        return _leg_calibration({"leg": found}, found.params, found.covariance, found.covariance_kind, [data])
+        found = estimate(LegLength(data, unknown=model_blocks(self.model)), estimator or InverseKinematics())
+        return leg_calibration({"leg": found}, found.params, found.covariance, found.covariance_kind, [data])
 
 
-def _leg_calibration(
+def model_blocks(model: int) -> tuple[str, ...]:
+    """The blocks of a leg that Model 36, 42 or 48 estimates."""
+    counts = {36: 2, 42: 3, 48: 4}
+    if model not in counts:
+        raise InputError(f"model: expected 36, 42 or 48 parameters, got {model!r}")
+    return tuple(LEG_BLOCKS)[: counts[model]]
+
+
+def leg_views(data: LegMeasurements | Measurements, *, locked: bool = False) -> list[tuple[int, LegMeasurements]]:
+    """The legs that were measured in a set, by number; under `locked` the locked one alone, or all where none is."""
+    if isinstance(data, LegMeasurements):
+        return [(data.leg, data)]
+    numbers = range(1, 7) if data.locked_leg is None or not locked else [data.locked_leg]
+    return [(number, data.leg(number)) for number in numbers]
+
+
+def leg_calibration(
     steps: Mapping[str, Estimate],
     values: Mapping[str, Array],
     covariance: Array | None,
     kind: str,
     data: Sequence[LegMeasurements],
+    nominal: Leg | None = None,
 ) -> LegCalibration:
-    nominal = data[0].nominal
+    """A leg from its estimated blocks; `nominal`, by default that of the data, lends the others."""
+    nominal = nominal or data[0].nominal
     if nominal is None:
         raise InputError("which leg was measured? give the measurements nominal=robot.leg(k)")
     ok = np.all([found.ok for found in steps.values()], axis=0)

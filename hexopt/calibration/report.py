@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import Array
-from ..errors import EstimationError
+from ..errors import EstimationError, InputError
 from ..geometry import Hexapod, Leg
 from ..geometry.leg import LEG_BLOCKS
 from ..result import Estimate
+from .accuracy import pose_covariance
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,12 +81,30 @@ class Calibration:
     legs : dict of int to LegCalibration
         By leg number; legs that were not measured are absent.
     method : str
+    estimate : Estimate, optional
+        Of all legs at once, where the method estimates them together.
     """
 
     robot: Hexapod
     nominal: Hexapod
     legs: Mapping[int, LegCalibration]
     method: str
+    estimate: Estimate | None = None
+
+    def pose_covariance(self, position: npt.ArrayLike | None = None, rotation: npt.ArrayLike | None = None) -> Array:
+        r"""Covariance of the true pose where this calibration says (P, R), (6, 6); by default at home.
+
+        Of :math:`(\delta P, \delta\omega)`, from the joint covariance of all legs; see :func:`pose_covariance`.
+
+        Raises
+        ------
+        InputError
+            If the legs were calibrated one by one, so that what they share is unknown, or without a covariance.
+        """
+        if self.estimate is None:
+            raise InputError(f"{self.method} calibrates leg by leg: there is no joint covariance; use Joint()")
+        main = self.estimate.parameters.main
+        return pose_covariance(self.robot, main, self.estimate.covariance_of(*main.names), position, rotation)
 
     @property
     def covariance(self) -> dict[int, Array | None]:

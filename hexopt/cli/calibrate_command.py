@@ -7,14 +7,16 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from ..calibration import FreePoses, Method, OneStep, ThreeStep, calibrate
+from ..calibration import FreePoses, Joint, Method, OneStep, ThreeStep, calibrate
 from ..errors import InputError, LockError
 from ..estimators.inverse_kinematics import InverseKinematics
 from ..estimators.least_squares import LeastSquares
+from ..estimators.maximum_likelihood import MaximumLikelihood
 from ..files import write_whole
 from ..measurements import LegMeasurements, Lock, Measurements
 from ..noise import Noise
 from ..readers import read_measurements
+from ..result import Estimator
 from .comparison import comparison
 from .options import (
     AngleNoise,
@@ -53,6 +55,8 @@ leg_length_1…6 and, where legs were locked, set (a label), leg (the locked one
                one with its length locked
   free         a set of unlocked poses            both joints (36), offset
                                                   (42) and gain (48)
+  joint        any sets; all legs and readings    the same, by maximum
+               at once, and the noise flags       likelihood
 
 Legs without a set keep their nominal. Standard errors come from the noise flags, else from the residuals, where these
 can tell. Readings are in the CSV's length unit where the robot's reading_unit is its length_unit; otherwise they are
@@ -60,7 +64,7 @@ what the sensor says.
 """
 
 Data = list[Measurements | LegMeasurements]
-MethodName = Literal["one-step", "three-step", "free"]
+MethodName = Literal["one-step", "three-step", "free", "joint"]
 
 Robot = Annotated[str, typer.Argument(metavar="ROBOT", help="The nominal: a TOML file or a built-in name.")]
 Files = Annotated[list[Path], typer.Argument(metavar="DATA", help="CSV files of measurements.")]
@@ -68,7 +72,8 @@ LengthUnit = Annotated[
     str, typer.Option(metavar="UNIT", help="The unit of the lengths in the CSV: m, dm, cm, mm, um, in.")
 ]
 Model = Annotated[
-    Literal["36", "42", "48"] | None, typer.Option(help="How many parameters, for --method free; by default 42.")
+    Literal["36", "42", "48"] | None,
+    typer.Option(help="How many parameters, for --method free and joint; by default 42."),
 ]
 Form = Annotated[
     Literal["consecutive", "direct", "centred"] | None,
@@ -120,12 +125,12 @@ def run(
     print(f"wrote {found.robot.to_toml(out)}" if out else "nothing written: --out FILE.toml keeps the calibrated robot")
 
 
-def _method(name: str, model: str | None, form: str | None) -> Method:
+def _method(name: str, model: str | None, form: str | None) -> Method | Joint:
     """The method that the flags describe; a flag that it has no use for is an error."""
-    if name == "free":
+    if name in ("free", "joint"):
         if form is not None:
-            raise InputError("--form: --method free has no linear equations; leave it out")
-        return FreePoses(int(model or 42))  # type: ignore[arg-type]  # one of the three
+            raise InputError(f"--form: --method {name} has no linear equations; leave it out")
+        return (FreePoses if name == "free" else Joint)(int(model or 42))  # type: ignore[arg-type]  # one of the three
     fixed = "36" if name == "one-step" else "42"
     if model not in (None, fixed):
         raise InputError(f"--model: --method {name} has the {fixed} parameters of its model, got {model}; leave it out")
@@ -136,7 +141,13 @@ def _method(name: str, model: str | None, form: str | None) -> Method:
     return OneStep(form or "consecutive")  # type: ignore[arg-type]  # one of the two
 
 
-def _estimator(method: str, weighted: bool, noise: Noise | None) -> LeastSquares | InverseKinematics:
+def _estimator(method: str, weighted: bool, noise: Noise | None) -> Estimator:
+    if method == "joint":
+        if noise is None:
+            raise InputError(
+                "--method joint weighs by the noise: give --position-noise, --angle-noise and --length-noise"
+            )
+        return MaximumLikelihood()
     if weighted and noise is None:
         raise InputError("--weighted: by which noise? Give --position-noise, --angle-noise and --length-noise")
     weights: Literal["model"] | None = "model" if weighted else None
@@ -153,14 +164,14 @@ def _columns(pairs: list[str]) -> dict[str, str]:
     return columns
 
 
-def _check_locks(sets: Data, method: Method, name: str) -> None:
+def _check_locks(sets: Data, method: Method | Joint, name: str) -> None:
     """The method must have a use for every set."""
     found = list(dict.fromkeys(data.lock for data in sets))
-    if set(found) <= set(method.locks):
+    if isinstance(method, Joint) or set(found) <= set(method.locks):
         return
     fitting = {"one-step": OneStep.locks, "three-step": ThreeStep.locks, "free": FreePoses.locks}
     others = [other for other, locks in fitting.items() if set(found) <= set(locks)]
-    advice = f"use --method {others[0]}" if others else "give each method files of its own"
+    advice = f"use --method {others[0]}" if others else "give each method files of its own, or use --method joint"
     raise LockError(
         f"--method {name} takes sets with the lock {_words(method.locks)}, the data has {_words(found)}; {advice}"
     )

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..arrays import Array, norm
 from ..calibration import Calibration
-from ..calibration.assembly import leg_views
-from ..calibration.methods import length_residual
+from ..calibration.methods import leg_views, length_residual
 from ..geometry import Hexapod
 from ..geometry.leg import LEG_BLOCKS
 from ..measurements import LegMeasurements, Measurements
@@ -27,7 +26,7 @@ def comparison(found: Calibration, sets: Sequence[Measurements | LegMeasurements
     ]
     move, joint = max(moves)
     lines = [f"  largest move of a joint: {move:.4g} {unit}, {joint}"]
-    views = list(_views(sets))
+    views = list(_views(sets, locked=found.estimate is None))
     if views:
         before = np.concatenate([_residual(found.nominal, view) for _, view in views])
         after = [np.abs(_residual(found.robot, view)) for _, view in views]
@@ -40,10 +39,10 @@ def comparison(found: Calibration, sets: Sequence[Measurements | LegMeasurements
     return "\n".join(lines)
 
 
-def _views(sets: Sequence[Measurements | LegMeasurements]) -> Iterator[tuple[int, LegMeasurements]]:
-    """Every leg that was measured and read, with the number of its set."""
+def _views(sets: Sequence[Measurements | LegMeasurements], *, locked: bool) -> Iterator[tuple[int, LegMeasurements]]:
+    """Every leg whose readings were used, with the number of its set; under `locked` only those of locked legs."""
     for place, data in enumerate(sets, start=1):
-        yield from ((place, view) for _, view in leg_views(data) if view.length is not None)
+        yield from ((place, view) for _, view in leg_views(data, locked=locked) if view.length is not None)
 
 
 def _residual(robot: Hexapod, view: LegMeasurements) -> Array:

@@ -61,6 +61,7 @@ class FixedDirection(Loop):
     linear_in = (frozenset({"platform_point", "base_point"}),)
     nuisance: ClassVar[Mapping[str, int]] = {"direction": 3}
     nuisance_unit = "1"
+    unit_vectors = ("direction",)
     rows = 3
     forms = ("direct", "consecutive")
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from functools import cached_property
+from typing import ClassVar, Self
 
 import numpy as np
 
 from ..arrays import Array
-from ..measurements import Lock
+from ..measurements import LegMeasurements, Lock
 from ..rotations.checks import turning_columns
 from .base import Loop
 
@@ -60,10 +61,16 @@ class FixedLength(Loop):
         """4 for a (eq. 17: N − 1 ≥ 3); 7 with b unknown too."""
         return 4 if self.unknown == ("base_point",) else 7
 
-    @property
+    @cached_property
     def origin(self) -> Array:
         """o, the mean measured position, shape (..., 3)."""
         return self.data.position.mean(axis=-2)
+
+    def on(self, data: LegMeasurements) -> Self:
+        """The same equation, about the same origin, of other values of the measurements."""
+        moved = super().on(data)
+        vars(moved)["origin"] = self.origin
+        return moved
 
     def _points(self, blocks: Mapping[str, Array]) -> Array:
         """V_i − o, shape (..., n, 3)."""

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import Array, frozen
-from ..errors import InputError, UnitError
-from ..geometry.leg import LEG_BLOCKS
-from ..measurements import LegMeasurements
+from ..errors import InputError
 from ..numerics.forms import Direct
-from ..parameters import Block, Parameters
-from ..problem import LinearProblem, RowNoise
+from ..parameters import Parameters
+from ..problem import LinearProblem
 from ..result import Estimate
 from .base import Loop
 from .joined_noise import JoinedNoise, Place
+from .parts import Part, check_alike, joined_names, joined_parameters, places_of
 
 __all__ = ["join"]
 
@@ -77,14 +75,18 @@ def join(
     >>> bool((found.standard_errors[:6] < alone.standard_errors[:6]).all())
     True
     """
-    parts = _parts(targets)
-    _check_alike(parts)
-    _check_poses(parts)
-    renamed = _renamed(parts)
-    parameters = _parameters(parts, renamed)
-    index = np.arange(parameters.size)
-    places = [np.concatenate([index[parameters[name]] for name in names.values()]) for names in renamed]
-    problems = [part.problem for part in parts]
+    problems = [_direct(target, k) for k, target in enumerate(targets, start=1)]
+    if not problems:
+        raise InputError("join: expected loops or direct linear problems, got nothing; write join(one, two)")
+    parts = [
+        Part(target, f"argument {k} ({problem.name})", problem)
+        for k, (target, problem) in enumerate(zip(targets, problems, strict=True), start=1)
+    ]
+    _check_rows(parts)
+    check_alike("join", parts)
+    names = joined_names("join", parts)
+    parameters = joined_parameters("join", parts, names)
+    places = places_of(parts, names, parameters)
     matrix, rhs, lost = _stacked(problems, places, parameters.size)
     counted = Counter(problem.name for problem in problems)
     noises = tuple(problem.noise for problem in problems if problem.noise is not None)
@@ -93,7 +95,7 @@ def join(
         rhs,
         parameters,
         rows_per_block=problems[0].rows_per_block,
-        noise=JoinedNoise(noises, tuple(places)) if noises else None,
+        noise=JoinedNoise(noises, places) if noises else None,
         at=None if at is None else _values(at, parameters),
         cancellation=lost,
         name="join of " + ", ".join(f"{k} {name}" if k > 1 else name for name, k in counted.items()),
@@ -101,163 +103,31 @@ def join(
     )
 
 
-# --- the parts, checked ---------------------------------------------------------------------------
+def _direct(target: Loop | LinearProblem, k: int) -> LinearProblem:
+    """The direct problem of argument k."""
+    if isinstance(target, (list, tuple)):
+        raise InputError(f"join: argument {k} is a {type(target).__name__}; write join(*loops)")
+    if not isinstance(target, (Loop, LinearProblem)):
+        raise InputError(f"join: argument {k}: expected a loop or a LinearProblem, got {type(target).__name__}")
+    problem = target.linear() if isinstance(target, Loop) else target
+    label = f"argument {k} ({problem.name})"
+    if not isinstance(problem.form, Direct):
+        form = type(problem.form).__name__.lower()
+        raise InputError(f"join: {label} has the form {form!r}, expected 'direct'; join the loop, or its .linear()")
+    if problem.at is not None:
+        raise InputError(f"join: {label} has its own at=; leave it out, and give at= to join, for all parameters")
+    return problem
 
 
-@dataclass(frozen=True)
-class _Part:
-    """One argument: its direct problem, the measurements behind it as far as they are known, and what it is called."""
-
-    problem: LinearProblem
-    data: tuple[LegMeasurements, ...]
-    is_loop: bool
-    label: str
-
-    @property
-    def legs(self) -> set[int]:
-        """The numbers of the legs that were measured, as far as they are known."""
-        return {data.nominal.number for data in self.data if data.nominal is not None}
-
-
-def _parts(targets: Sequence[Loop | LinearProblem]) -> list[_Part]:
-    if not targets:
-        raise InputError("join: expected loops or direct linear problems, got nothing; write join(one, two)")
-    parts = []
-    for k, target in enumerate(targets, start=1):
-        if isinstance(target, (list, tuple)):
-            raise InputError(f"join: argument {k} is a {type(target).__name__}; write join(*loops)")
-        if not isinstance(target, (Loop, LinearProblem)):
-            raise InputError(f"join: argument {k}: expected a loop or a LinearProblem, got {type(target).__name__}")
-        problem = target.linear() if isinstance(target, Loop) else target
-        label = f"argument {k} ({problem.name})"
-        if not isinstance(problem.form, Direct):
-            form = type(problem.form).__name__.lower()
-            raise InputError(f"join: {label} has the form {form!r}, expected 'direct'; join the loop, or its .linear()")
-        if problem.at is not None:
-            raise InputError(f"join: {label} has its own at=; leave it out, and give at= to join, for all parameters")
-        data = (target.data,) if isinstance(target, Loop) else _data(problem.noise)
-        parts.append(_Part(problem, data, isinstance(target, Loop), label))
-    return parts
-
-
-def _data(noise: RowNoise | None) -> tuple[LegMeasurements, ...]:
-    """The measurements that a noise model is of, where it is a loop's."""
-    if isinstance(noise, JoinedNoise):
-        return tuple(data for part in noise.noises for data in _data(part))
-    return (noise.data,) if isinstance(noise, Loop) else ()
-
-
-def _check_alike(parts: Sequence[_Part]) -> None:
-    """Rows, noise, units and batches that fit."""
+def _check_rows(parts: Sequence[Part]) -> None:
+    """As many rows a pose in all parts."""
     first = parts[0]
     for part in parts[1:]:
-        one, two = first.problem.rows_per_block, part.problem.rows_per_block
-        if one != two:
+        if first.rows != part.rows:
             raise InputError(
-                f"join: {first.label} has {one} rows a pose, {part.label} has {two}; join sets with as many"
+                f"join: {first.label} has {first.rows} rows a pose, {part.label} has {part.rows}; "
+                "join sets with as many"
             )
-    silent = [part.label for part in parts if part.problem.noise is None]
-    if 0 < len(silent) < len(parts):
-        raise InputError(f"join: {', '.join(silent)}: no noise model, the others have one; give all noise=…, or none")
-    units = sorted({data.length_unit for part in parts for data in part.data})
-    if len(units) > 1:
-        raise UnitError(f"join: the sets are in {' and '.join(units)}; convert them to one unit")
-    shapes = [part.problem.batch_shape for part in parts]
-    try:
-        np.broadcast_shapes(*shapes)
-    except ValueError:
-        raise InputError(f"join: the batches {', '.join(map(str, shapes))} do not fit each other") from None
-
-
-def _check_poses(parts: Sequence[_Part]) -> None:
-    """No pose stands twice: its error would count twice."""
-    for i, two in enumerate(parts):
-        for one in parts[:i]:
-            same = any(_share_a_pose(a, b) for a in one.data for b in two.data)
-            if not (one.data and two.data):  # then only the equations can tell
-                same = all(np.array_equal(getattr(one.problem, k), getattr(two.problem, k)) for k in ("rhs", "matrix"))
-            if same:
-                raise InputError(
-                    f"join is for different poses: {one.label} and {two.label} have a pose in common; give each pose "
-                    "once. Legs seen in the same pose share its error: they belong in one WholeRobot equation"
-                )
-
-
-def _share_a_pose(one: LegMeasurements, two: LegMeasurements) -> bool:
-    """Whether some pose of a set is, to the bit, one of the other set (of the same member of the batch)."""
-    for i in range(two.n_poses):
-        same = (one.position == two.position[..., i : i + 1, :]).all(axis=-1)
-        if same.any() and (same & (one.rotation == two.rotation[..., i : i + 1, :, :]).all(axis=(-2, -1))).any():
-            return True
-    return False
-
-
-# --- names and places -----------------------------------------------------------------------------
-
-
-def _renamed(parts: Sequence[_Part]) -> list[dict[str, str]]:
-    """The joined name of every block, for each part."""
-    several = len(set().union(*(part.legs for part in parts))) > 1
-    prefixes = [_prefix(part) if several else "" for part in parts]
-    names = [
-        {block.name: prefix + block.name for block in part.problem.parameters}
-        for part, prefix in zip(parts, prefixes, strict=True)
-    ]
-    owned = [
-        (own, block.name)
-        for own, part in zip(names, parts, strict=True)
-        for block in part.problem.parameters
-        if block.nuisance
-    ]
-    count, seen = Counter(own[name] for own, name in owned), Counter[str]()
-    for own, name in owned:
-        joined = own[name]
-        seen[joined] += 1
-        if count[joined] > 1:
-            own[name] = f"{joined}.{seen[joined]}"
-    return names
-
-
-def _prefix(part: _Part) -> str:
-    """What stands before the names of one of several legs; the names of a problem are the caller's."""
-    if part.is_loop:
-        if not part.legs:
-            raise InputError(
-                f"join: which leg is {part.label}? other loops are of several legs; give its data nominal=robot.leg(k)"
-            )
-        return f"leg{min(part.legs)}."
-    bare = [name for name in part.problem.parameters.names if name in LEG_BLOCKS]
-    if part.legs and bare:
-        legs = " and ".join(map(str, sorted(part.legs)))
-        raise InputError(
-            f"join: {part.label} is of leg {legs} beside other legs, but has the bare name {bare[0]}; give join the "
-            f"loops themselves, whose names become leg{min(part.legs)}.{bare[0]} and so on"
-        )
-    return ""
-
-
-def _parameters(parts: Sequence[_Part], renamed: Sequence[Mapping[str, str]]) -> Parameters:
-    """The joined blocks: leg by leg in a leg's order, then the nuisances in the order of the sets."""
-    blocks: dict[str, Block] = {}
-    for part, names in zip(parts, renamed, strict=True):
-        for own in part.problem.parameters:
-            block = Block(names[own.name], own.size, own.unit, own.scale, own.nuisance)
-            other = blocks.setdefault(block.name, block)
-            if (other.size, other.nuisance) != (block.size, block.nuisance) or (other is not block and block.nuisance):
-                raise InputError(
-                    f"join: {block.name} of {part.label} is not what another set calls so: {block} and {other}; "
-                    "give one of them another name"
-                )
-            if other.unit != block.unit:
-                raise UnitError(f"join: {block.name} is in {other.unit}, and in {block.unit} in {part.label}")
-    main = [block for block in blocks.values() if not block.nuisance]
-    order, owners = list(LEG_BLOCKS), list(dict.fromkeys(block.name.rpartition(".")[0] for block in main))
-
-    def rank(block: Block) -> tuple[int, int]:
-        owner, _, bare = block.name.rpartition(".")
-        return owners.index(owner), order.index(bare) if bare in order else len(order)
-
-    return Parameters((*sorted(main, key=rank), *(block for block in blocks.values() if block.nuisance)))
 
 
 def _stacked(problems: Sequence[LinearProblem], places: Sequence[Place], size: int) -> tuple[Array, Array, Array]:

@@ -59,6 +59,12 @@ class LegLength(Loop):
         """As many poses as unknowns."""
         return self.parameters.size
 
+    @property
+    def blind_spots(self) -> tuple[str, ...]:
+        """A leg that keeps its direction says nothing of a across it."""
+        locked = self.data.lock in (Lock.DIRECTION, Lock.LEG)
+        return ("base_point across the leg's locked direction",) if locked and "base_point" in self.unknown else ()
+
     def _vectors(self, blocks: Mapping[str, Array]) -> Array:
         vectors: Array = self.data.position + self._arm(blocks) - blocks["base_point"][..., None, :]
         return vectors

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import Array
 
-__all__ = ["Centred", "Consecutive", "Direct", "Form"]
+__all__ = ["Centred", "Consecutive", "Direct", "Form", "cancellation"]
 
 
 class Form(Protocol):
@@ -100,3 +100,14 @@ class Consecutive:
         terms = self.later[..., None] ** 2 * squares[..., 1:, :] + self.earlier[..., None] ** 2 * squares[..., :-1, :]
         total: Array = terms.sum(axis=-2)
         return total
+
+
+def cancellation(form: Form, direct: Array, formed: Array) -> Array:
+    """By how much a form's differences shortened each column of the direct rows, shape (..., p)."""
+    if isinstance(form, Direct):
+        return np.ones(direct.shape[-1])
+    before = form.before(np.einsum("...ndp,...ndp->...np", direct, direct))
+    after = np.einsum("...ndp,...ndp->...p", formed, formed)
+    ratio = np.divide(before, after, out=np.ones(after.shape), where=after > 0)  # no column at all is seen as such
+    factor: Array = np.sqrt(np.maximum(ratio, 1.0))
+    return factor

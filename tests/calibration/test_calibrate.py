@@ -231,8 +231,8 @@ class TestWrongCalls:
             ("left-hand", [], hx.OneStep(), "robot: expected a Hexapod"),
             (None, [], hx.OneStep(), "sets: there are no measurements"),
             (None, [3], hx.OneStep(), "sets: expected LegMeasurements or Measurements, got int"),
-            (None, [], hx.OneStep, r"method: expected OneStep\(\), ThreeStep\(\) or FreePoses\(\)"),
-            (None, [], "one-step", r"method: expected OneStep\(\)"),
+            (None, [], hx.OneStep, r"method: expected Joint\(\), OneStep\(\), ThreeStep\(\) or FreePoses\(\)"),
+            (None, [], "one-step", r"method: expected Joint\(\), OneStep\(\)"),
         ],
     )
     def test_wrong_arguments(self, left_hand, robot, sets, method, message):

@@ -1,0 +1,156 @@
+"""The likelihood of implicit equations as least squares in the parameters, and its stationary points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import Array, BoolArray, matvec, norm
+from ..loops.implicit import Implicit, WhitenedRows
+from ..numerics.charts import Chart
+from ..numerics.lm import levenberg_marquardt
+from ..numerics.lstsq import LstsqSolution, solve
+
+__all__ = ["Likelihood", "Stationary"]
+
+#: How often measurements are moved at most, so that the equations hold; each time gains about three digits.
+ADJUSTMENTS = 10
+#: Where Levenberg–Marquardt hands over to Gauss–Newton: steps and moves of measurements below this, in σ.
+NEAR = 1e-4
+#: Where that ends: in σ, and relative to what rounding of the values does to the rows.
+SETTLED, ROUNDING = 1e-7, 1e-12
+#: Steps that Gauss–Newton has.
+FINISHING = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Stationary:
+    """Where Gauss–Newton ended.
+
+    Attributes
+    ----------
+    unknowns : ndarray, shape (..., p + r)
+        The values, and the common errors in standard deviations.
+    settled, finite : ndarray of bool, shape (...)
+        Which problems are at a stationary point, and at finite rows at all.
+    misclosure, jacobian : ndarray, shape (..., M) and (..., M, q)
+        The whitened rows there; 0 where not finite.
+    local : LstsqSolution
+        Of these rows.
+    rows : list of WhitenedRows
+        The same by set.
+    iterations : ndarray of int, shape (...)
+    """
+
+    unknowns: Array
+    settled: BoolArray
+    finite: BoolArray
+    misclosure: Array
+    jacobian: Array
+    local: LstsqSolution
+    rows: list[WhitenedRows]
+    iterations: npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """A model as least squares in its values and, `shared` of each set, its common errors.
+
+    The `errors` that the measurements of each set are moved by follow the values: each evaluation begins where
+    the one before it ended.
+    """
+
+    target: Implicit
+    chart: Chart
+    shared: tuple[int, ...]
+    errors: dict[int, Array] = field(default_factory=dict)
+
+    def maximum(self, start: Array, max_iterations: int, *, near: bool) -> Stationary:
+        """The stationary point found from `start`; what is `near` it needs no damping, as a rule."""
+        unknowns = np.concatenate([start, np.zeros((*start.shape[:-1], sum(self.shared)))], axis=-1)
+        if not near:
+            return self._descended(unknowns, max_iterations)
+        started = np.asarray(np.isfinite(start).all(axis=-1))
+        end = self._finished(unknowns, started)
+        lost = np.asarray(started & end.finite & end.local.full_rank & ~end.settled)
+        if not lost.any():
+            return end
+        self.errors.clear()
+        return _merged(end, self._descended(unknowns, max_iterations), lost)
+
+    def _descended(self, unknowns: Array, max_iterations: int) -> Stationary:
+        """Levenberg–Marquardt, then Gauss–Newton."""
+        found = levenberg_marquardt(
+            self._flat_rows,
+            unknowns.reshape(-1, unknowns.shape[-1]),
+            max_iterations=max_iterations,
+            chart=self.chart,
+            absolute=NEAR,
+        )
+        batch = unknowns.shape[:-1]
+        end = self._finished(found.values.reshape(unknowns.shape), found.converged.reshape(batch))
+        return replace(end, iterations=end.iterations + found.iterations.reshape(batch))
+
+    def _rows(self, unknowns: Array, adjust: int = 0) -> tuple[Array, Array, list[WhitenedRows], BoolArray]:
+        """Whitened misclosures (..., M), their Jacobian (..., M, q), the rows by set, and where measurements moved."""
+        rows, first = [], self.target.parameters.size
+        moved: Any = np.zeros(unknowns.shape[:-1], dtype=bool)
+        for k, ((part, place), count) in enumerate(zip(self.target.parts, self.shared, strict=True)):
+            own = unknowns[..., first : first + count] if count else None
+            before = self.errors.get(k)
+            rows.append(part.whitened(unknowns[..., place], own, before, adjust=adjust, settled=NEAR))
+            away = rows[k].error if before is None else rows[k].error - before
+            moved = moved | (np.abs(away) > NEAR * part.error_scale).any(axis=(-2, -1))
+            self.errors[k] = rows[k].error
+            first += count
+        return *self.target.stacked(rows, unknowns, self.chart), rows, np.asarray(moved)
+
+    def _flat_rows(self, unknowns: Array) -> tuple[Array, Array]:
+        """Rows of a flat batch at measurements that agree with them, (k, M) and (k, M, q)."""
+        misclosure, jacobian, *_ = self._rows(
+            unknowns.reshape(*self.target.batch_shape, unknowns.shape[-1]), ADJUSTMENTS
+        )
+        return misclosure.reshape(-1, misclosure.shape[-1]), jacobian.reshape(-1, *jacobian.shape[-2:])
+
+    def _row_size(self, unknowns: Array, jacobian: Array) -> Array:
+        """The size of the values as the rows see it, shape (...)."""
+        lengths = np.sqrt(np.einsum("...mq,...mq->...q", jacobian, jacobian))
+        return norm(lengths * np.where(self.chart.turning, 1.0, self.chart.coordinates(unknowns)))
+
+    def _finished(self, unknowns: Array, moving: BoolArray) -> Stationary:
+        """Gauss–Newton in the values and the measurements at once, until neither moves by a ten-millionth of σ."""
+        settled = np.zeros(unknowns.shape[:-1], dtype=bool)
+        iterations = np.zeros(unknowns.shape[:-1], dtype=np.int64)
+        for _ in range(FINISHING):
+            misclosure, jacobian, rows, moved = self._rows(unknowns)
+            finite = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)) & np.isfinite(misclosure).all(axis=-1))
+            misclosure = np.where(finite[..., None], misclosure, 0.0)
+            jacobian = np.where(finite[..., None, None], jacobian, 0.0)
+            local = solve(jacobian, -misclosure)
+            active = moving & finite & local.full_rank & ~settled
+            step = np.where(active[..., None], local.values, 0.0)
+            size = norm(matvec(jacobian, step))
+            tolerance = np.maximum(SETTLED, ROUNDING * self._row_size(unknowns, jacobian))
+            unknowns = self.chart.moved(unknowns, step)
+            iterations += active
+            settled = settled | (active & ~moved & (size <= tolerance))
+            if not (active & ~settled).any():
+                break
+        return Stationary(unknowns, settled, finite, misclosure, jacobian, local, rows, iterations)
+
+
+def _merged(kept: Stationary, new: Stationary, where: BoolArray) -> Stationary:
+    """`new` at the members `where`, `kept` elsewhere."""
+
+    def merged(old: Any, fresh: Any) -> Any:
+        if isinstance(fresh, np.ndarray):
+            return np.where(where.reshape(where.shape + (1,) * (fresh.ndim - where.ndim)), fresh, old)
+        if isinstance(fresh, list):
+            return [merged(one, two) for one, two in zip(old, fresh, strict=True)]
+        return type(fresh)(**{name: merged(getattr(old, name), value) for name, value in vars(fresh).items()})
+
+    result: Stationary = merged(kept, new)
+    return result

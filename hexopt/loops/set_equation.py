@@ -1,0 +1,128 @@
+"""The implicit equation of one set of poses: its misclosure, its derivatives, and its rows of unit variance."""
+
+from __future__ import annotations
+
+import copy
+from abc import abstractmethod
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from ..arrays import Array, matvec, transpose
+from ..numerics.roots import inverse_cholesky
+from ..rotations import rotation_vector_jacobian
+from .implicit import Implicit, Place, WhitenedRows
+
+__all__ = ["SetEquation"]
+
+#: See :meth:`SetEquation.whitened`.
+SETTLED = 1e-9
+
+
+class SetEquation(Implicit):
+    """The implicit equation of one set of poses."""
+
+    data: Any
+
+    @property
+    def parts(self) -> Sequence[tuple[SetEquation, Place]]:
+        """The set itself."""
+        return ((self, np.arange(self.parameters.size)),)
+
+    @abstractmethod
+    def residual(self, x: Any) -> Array:
+        r"""The direct misclosure :math:`g_i(x)`, shape (..., n, d)."""
+
+    @abstractmethod
+    def jacobian(self, x: Any) -> Array:
+        r""":math:`G_i = \partial g_i/\partial x`, shape (..., n, d, p)."""
+
+    @abstractmethod
+    def noise_jacobian(self, x: Any) -> Array:
+        r""":math:`B_i = \partial g_i/\partial(\delta P, \delta\omega, \delta\rho)`, shape (..., n, d, e)."""
+
+    @property
+    @abstractmethod
+    def error_covariance(self) -> Array:
+        r""":math:`\Sigma_i`, shape (..., n, e, e); an error where the noise is unknown."""
+
+    @cached_property
+    def error_scale(self) -> Array:
+        """Standard deviations of every pose's errors, shape (..., n, e)."""
+        scale: Array = np.sqrt(np.einsum("...ii->...i", self.error_covariance))
+        return scale
+
+    @abstractmethod
+    def common_columns(self, x: Any) -> Array:
+        """How the rows move with what all poses share, by its standard errors, shape (..., n, d, r); r may be 0."""
+
+    def on(self, data: Any) -> Self:
+        """The same equation of other values of the measurements."""
+        moved = copy.copy(self)
+        moved.data = data
+        return moved
+
+    def shifted(self, error: Array) -> Self:
+        """The same equation at measurements moved by errors (..., n, e)."""
+        return self.on(self.data.shifted(error))
+
+    def whitened(
+        self,
+        x: Array,
+        common: Array | None = None,
+        error: Array | None = None,
+        *,
+        adjust: int = 0,
+        settled: float = SETTLED,
+    ) -> WhitenedRows:
+        r"""Rows of unit variance at `x`: :math:`W_i g_i` and :math:`W_i G_i`, where :math:`W_i S_i W_i^T = I`.
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., p)
+        common : ndarray, shape (..., r), optional
+            Values of the shared errors, in standard errors.
+        error : ndarray, shape (..., n, e), optional
+            By how much the measurements are moved first.
+        adjust : int, default 0
+            How often at most to move them by the least errors that make the equations hold,
+            :math:`e_i = -\Sigma_i B_i^T S_i^{-1}(g_i - B_i e_i)`. Then half the sum of squares is the least
+            :math:`\tfrac12\sum e_i^T\Sigma_i^{-1}e_i` under :math:`g_i(x, m_i + e_i) = 0`, and the Jacobian times the
+            rows is its derivative by x.
+        settled : float, default 1e-9
+            They have settled when none moves by more, in standard deviations.
+        """
+        here = self if error is None else self.shifted(error)
+        rows, after = here._whitened(x, common, self.error_covariance, error)
+        small = settled * self.error_scale
+        for _ in range(adjust):
+            if error is not None and not (np.abs(after - error) > small).any():
+                break
+            error = after
+            here = self.shifted(error)
+            rows, after = here._whitened(x, common, self.error_covariance, error)
+        misclosure, columns, root = rows
+        return WhitenedRows(misclosure, root @ here.jacobian(x), columns, root, after)
+
+    def _whitened(
+        self, x: Array, common: Array | None, covariance: Array, error: Array | None
+    ) -> tuple[tuple[Array, Array, Array], Array]:
+        """Misclosure, common columns and their root at measurements moved by `error`; and the next error."""
+        noise = self.noise_jacobian(x)
+        misclosure = self.residual(x)
+        if error is not None:
+            noise[..., 3:6] = noise[..., 3:6] @ rotation_vector_jacobian(
+                error[..., 3:6]
+            )  # by the rotation vector itself
+            misclosure = misclosure - matvec(noise, error)
+        columns = self.common_columns(x)
+        if common is not None:
+            misclosure = misclosure + np.einsum("...ndr,...r->...nd", columns, common)
+        through = noise @ covariance
+        root = inverse_cholesky(through @ transpose(noise))
+        whitened = matvec(root, misclosure)
+        least = -matvec(transpose(through), matvec(transpose(root), whitened))
+        least[~np.isfinite(least).all(axis=(-2, -1))] = 0.0  # a member that failed stays where it was measured
+        return (whitened, root @ columns, root), least

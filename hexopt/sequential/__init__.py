@@ -1,0 +1,8 @@
+"""Estimators that take one pose after the other, and know after each how far they are."""
+
+from .recursive import Recursive, RecursiveState
+from .state import RunningState
+from .unscented import Unscented
+from .unscented_state import UnscentedState
+
+__all__ = ["Recursive", "RecursiveState", "RunningState", "Unscented", "UnscentedState"]

@@ -1,0 +1,83 @@
+"""A loop equation over other poses, and what both filters ask of a pose and of their settings."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, LockError, UnitError
+from ..loops import FixedLength, Loop
+from ..measurements import LegMeasurements
+
+__all__ = ["check_noise", "check_settings", "merged", "next_pose", "over"]
+
+
+def over(loop: Loop, data: LegMeasurements) -> Loop:
+    """The same equation with the same known values, unknowns and origin, over other poses."""
+    other = copy(loop)
+    for name in [name for name in vars(other) if isinstance(getattr(type(other), name, None), cached_property)]:
+        del vars(other)[name]  # computed from the loop's own poses
+    other.data = data
+    if isinstance(loop, FixedLength) and isinstance(other, FixedLength):
+        vars(other)["origin"] = loop.origin  # else the sphere of each pose would be another unknown
+    return other
+
+
+def next_pose(loop: Loop, pose: LegMeasurements) -> Loop:
+    """`loop` over one pose that has arrived.
+
+    Raises
+    ------
+    InputError
+        If it is not one pose of as many sets, with a noise model.
+    LockError, UnitError
+        If it is of another kind than the poses that the loop was made for.
+    """
+    if not isinstance(pose, LegMeasurements):
+        raise InputError(f"pose: expected LegMeasurements of one pose, got {type(pose).__name__}")
+    if pose.n_poses != 1:
+        raise InputError(f"pose: expected one pose, got {pose.n_poses}; write data.poses([i]), or fit(loop) for all")
+    if pose.batch_shape != loop.data.batch_shape:
+        raise InputError(f"pose: the filter runs over {loop.data.batch_shape} sets, the pose has {pose.batch_shape}")
+    if pose.lock is not loop.data.lock:
+        raise LockError(f"pose: the filter runs under the lock {str(loop.data.lock)!r}, not {str(pose.lock)!r}")
+    if pose.length_unit != loop.data.length_unit:
+        raise UnitError(f"pose: the filter runs in {loop.data.length_unit}, the pose is in {pose.length_unit}")
+    check_noise(type(loop).__name__, pose.noise)
+    return over(loop, pose)
+
+
+def merged(before: Loop | None, pose: Loop) -> Loop:
+    """The poses of two loops of one equation as those of one loop."""
+    if before is None:
+        return pose
+    one, two = before.data, pose.data
+    length = None if one.length is None else np.concatenate([one.length, two.readings()], axis=-1)
+    data = replace(
+        one,
+        position=np.concatenate([one.position, two.position], axis=-2),
+        rotation=np.concatenate([one.rotation, two.rotation], axis=-3),
+        length=length,
+    )
+    both = over(before, data)
+    covariances = [before.error_covariance, pose.error_covariance]  # every pose keeps its own noise
+    vars(both)["error_covariance"] = np.concatenate(covariances, axis=-3)
+    return both
+
+
+def check_noise(name: str, noise: Any) -> None:
+    """A filter weighs poses by their noise, which must be known."""
+    if noise is None:
+        raise InputError(f"{name}: a filter needs a noise model; give the measurements noise=UniformNoise(…), say")
+
+
+def check_settings(level: float, reject: bool) -> None:
+    """The settings that both filters have."""
+    if not 0 < level < 1:
+        raise InputError(f"level: expected a probability between 0 and 1, such as 0.999; got {level!r}")
+    if not isinstance(reject, bool):
+        raise InputError(f"reject: expected True or False, got {reject!r}; the threshold is level=")
