@@ -41,8 +41,8 @@ class GengHaynes:
 
     Notes
     -----
-    Where it converges it finds what :class:`~hexopt.InverseKinematics` finds, in fewer steps; but nothing keeps a
-    step from making the residual worse. From a start too far off it wanders, or diverges: NOT_CONVERGED. There is
+    Where it converges it finds what :class:`~hexopt.InverseKinematics` finds; but nothing keeps a step from making
+    the residual worse. From a start too far off it wanders, or diverges: NOT_CONVERGED. There is
     no certificate of a global minimum (gap is NaN). The covariance is the sandwich of the noise model.
 
     References

@@ -143,7 +143,7 @@ class InverseKinematics:
         return self._fit_plain(rows, first) if self._is_plain else self._fit_convex(rows, first)
 
     def _fit_plain(self, rows: LegRows, first: Array) -> Estimate:
-        values, converged, iterations = self._minimise(rows, first, polish=self.weights is None)
+        values, converged, iterations = self._minimise(rows, first)
         root = None
         if self.weights == "model":
             root = rows.loop.linearised(np.where(converged[..., None], values, first)).whitening()
@@ -199,7 +199,7 @@ class InverseKinematics:
             scale = np.full(local.batch_shape, float(self.scale))
         return rows.weighted(root, scale, shared=shared)
 
-    def _minimise(self, rows: LegRows, start: Array, *, polish: bool = True) -> tuple[Array, Any, Any]:
+    def _minimise(self, rows: LegRows, start: Array) -> tuple[Array, Any, Any]:
         """Least squares from starts (..., p): values, convergence and iterations."""
         flat, batch = start.reshape(-1, start.shape[-1]), start.shape[:-1]
         if self.backend == "ipopt":
@@ -211,7 +211,6 @@ class InverseKinematics:
                 flat,
                 max_iterations=self.max_iterations,
                 damping=DAMPING,
-                polish=polish,
                 chosen=lambda which: rows.take(which).at,
             )
             values, converged, iterations = result.values, result.converged, result.iterations

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array, matvec
-from ..geometry.leg import LEG_BLOCKS
 from ..loops import LegLength
 from ..problem import ConstantRowNoise, LinearProblem, RowCovariance, Whitening
 
@@ -127,24 +126,22 @@ class LegRows:
     def _raw(self, x: Array) -> tuple[Array, Array]:
         parameters = self.loop.parameters
         blocks = {**self.known, **parameters.split(x)}
-        entry = {name: [blocks[name][:, i, None] for i in range(LEG_BLOCKS[name])] for name in blocks}
-        b, a, r = entry["platform_point"], entry["base_point"], self.rotation
-        vector = [self.position[i] + r[i, 0] * b[0] + r[i, 1] * b[1] + r[i, 2] * b[2] - a[i] for i in range(3)]
-        length = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
-        residual = length - entry["gain"][0] * self.reading - entry["offset"][0]
-        unit = [part / length for part in vector]
-        mean = [part.mean(axis=-1, keepdims=True) for part in unit] if self.one_direction else unit
-        jacobian = np.empty((*residual.shape, parameters.size))
+        b, a = (np.moveaxis(blocks[name], -1, 0)[..., None] for name in ("platform_point", "base_point"))
+        r = self.rotation
+        vector = self.position + r[:, 0] * b[0] + r[:, 1] * b[1] + r[:, 2] * b[2] - a
+        length = np.sqrt(np.square(vector).sum(axis=0))
+        residual = length - blocks["gain"] * self.reading - blocks["offset"]
+        unit = vector / length
+        columns: dict[str, Any] = {
+            "platform_point": lambda: unit[0] * r[0] + unit[1] * r[1] + unit[2] * r[2],
+            "base_point": lambda: -(unit.mean(axis=-1, keepdims=True) if self.one_direction else unit),
+            "offset": lambda: -1.0,
+            "gain": lambda: -self.reading,
+        }
+        jacobian = np.empty((parameters.size, *residual.shape))
         for name in parameters.names:
-            own = jacobian[..., parameters[name]]
-            if name == "platform_point":
-                for j in range(3):
-                    own[..., j] = unit[0] * r[0, j] + unit[1] * r[1, j] + unit[2] * r[2, j]
-            elif name == "base_point":
-                for i in range(3):
-                    own[..., i] = -mean[i]
-            else:
-                own[..., 0] = -1.0 if name == "offset" else -self.reading
+            jacobian[parameters[name]] = columns[name]()
+        jacobian = np.moveaxis(jacobian, 0, -1)
         failed = np.isnan(residual).any(axis=-1)
         if failed.any():  # a known value that failed: no equations, so that these sets fail alone
             residual[failed], jacobian[failed] = 0.0, 0.0

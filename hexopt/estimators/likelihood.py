@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import Array, BoolArray, matvec, norm
-from ..loops.implicit import Implicit, WhitenedRows
+from ..loops.implicit import Implicit, Rows, WhitenedRows
 from ..numerics.charts import Chart
 from ..numerics.lm import levenberg_marquardt
 from ..numerics.lstsq import LstsqSolution, solve
@@ -69,30 +70,54 @@ class Likelihood:
     errors: dict[int, Array] = field(default_factory=dict)
 
     def maximum(self, start: Array, max_iterations: int, *, near: bool) -> Stationary:
-        """The stationary point found from `start`; what is `near` it needs no damping, as a rule."""
-        unknowns = np.concatenate([start, np.zeros((*start.shape[:-1], sum(self.shared)))], axis=-1)
-        if not near:
-            return self._descended(unknowns, max_iterations)
+        """The stationary point found from `start`; unless it is `near`, by way of unweighted least squares."""
         started = np.asarray(np.isfinite(start).all(axis=-1))
-        end = self._finished(unknowns, started)
+        values, _, before = (start, None, 0) if near else self._descended(start, self._raw_rows, max_iterations, 0.0)
+        end = self._finished(self._with_shared(values), started, max_iterations)
+        end = replace(end, iterations=end.iterations + before)
         lost = np.asarray(started & end.finite & end.local.full_rank & ~end.settled)
         if not lost.any():
             return end
         self.errors.clear()
-        return _merged(end, self._descended(unknowns, max_iterations), lost)
-
-    def _descended(self, unknowns: Array, max_iterations: int) -> Stationary:
-        """Levenberg–Marquardt, then Gauss–Newton."""
-        found = levenberg_marquardt(
-            self._flat_rows,
-            unknowns.reshape(-1, unknowns.shape[-1]),
-            max_iterations=max_iterations,
-            chart=self.chart,
-            absolute=NEAR,
+        unknowns, converged, iterations = self._descended(
+            self._with_shared(start), self._near_rows, max_iterations, NEAR
         )
-        batch = unknowns.shape[:-1]
-        end = self._finished(found.values.reshape(unknowns.shape), found.converged.reshape(batch))
-        return replace(end, iterations=end.iterations + found.iterations.reshape(batch))
+        second = self._finished(unknowns, converged, max_iterations)
+        return _merged(end, replace(second, iterations=second.iterations + iterations), lost)
+
+    def _with_shared(self, values: Array) -> Array:
+        """Values, and common errors of zero."""
+        return np.concatenate([values, np.zeros((*values.shape[:-1], sum(self.shared)))], axis=-1)
+
+    def _descended(
+        self, start: Array, rows: Callable[[Array], tuple[Array, Array]], max_iterations: int, absolute: float
+    ) -> tuple[Array, BoolArray, npt.NDArray[np.int64]]:
+        """Levenberg–Marquardt: values, or the start where it does not converge; whether it did; iterations."""
+        batch, width = start.shape[:-1], start.shape[-1]
+
+        def flat_rows(flat: Array) -> tuple[Array, Array]:
+            misclosure, jacobian = rows(flat.reshape(start.shape))
+            return misclosure.reshape(-1, misclosure.shape[-1]), jacobian.reshape(-1, *jacobian.shape[-2:])
+
+        chart = Chart(width, self.chart.units)
+        flat = start.reshape(-1, width)
+        found = levenberg_marquardt(flat_rows, flat, max_iterations=max_iterations, chart=chart, absolute=absolute)
+        values = np.where(found.converged[:, None], found.values, flat)
+        return values.reshape(start.shape), found.converged.reshape(batch), found.iterations.reshape(batch)
+
+    def _raw_rows(self, values: Array) -> tuple[Array, Array]:
+        """Unweighted rows, (..., M) and (..., M, q), where nothing is shared."""
+        rows = []
+        for part, place in self.target.parts:
+            x = values[..., place]
+            residual = part.residual(x)
+            rows.append(Rows(residual, part.jacobian(x), np.zeros((*residual.shape, 0))))
+        return self.target.stacked(rows, values, Chart(values.shape[-1], self.chart.units))
+
+    def _near_rows(self, unknowns: Array) -> tuple[Array, Array]:
+        """Whitened rows, (..., M) and (..., M, q), at measurements that nearly agree with the unknowns."""
+        misclosure, jacobian, *_ = self._rows(unknowns, ADJUSTMENTS)
+        return misclosure, jacobian
 
     def _rows(self, unknowns: Array, adjust: int = 0) -> tuple[Array, Array, list[WhitenedRows], BoolArray]:
         """Whitened misclosures (..., M), their Jacobian (..., M, q), the rows by set, and where measurements moved."""
@@ -108,23 +133,16 @@ class Likelihood:
             first += count
         return *self.target.stacked(rows, unknowns, self.chart), rows, np.asarray(moved)
 
-    def _flat_rows(self, unknowns: Array) -> tuple[Array, Array]:
-        """Rows of a flat batch at measurements that agree with them, (k, M) and (k, M, q)."""
-        misclosure, jacobian, *_ = self._rows(
-            unknowns.reshape(*self.target.batch_shape, unknowns.shape[-1]), ADJUSTMENTS
-        )
-        return misclosure.reshape(-1, misclosure.shape[-1]), jacobian.reshape(-1, *jacobian.shape[-2:])
-
     def _row_size(self, unknowns: Array, jacobian: Array) -> Array:
         """The size of the values as the rows see it, shape (...)."""
         lengths = np.sqrt(np.einsum("...mq,...mq->...q", jacobian, jacobian))
         return norm(lengths * np.where(self.chart.turning, 1.0, self.chart.coordinates(unknowns)))
 
-    def _finished(self, unknowns: Array, moving: BoolArray) -> Stationary:
+    def _finished(self, unknowns: Array, moving: BoolArray, max_iterations: int) -> Stationary:
         """Gauss–Newton in the values and the measurements at once, until neither moves by a ten-millionth of σ."""
         settled = np.zeros(unknowns.shape[:-1], dtype=bool)
         iterations = np.zeros(unknowns.shape[:-1], dtype=np.int64)
-        for _ in range(FINISHING):
+        for _ in range(min(FINISHING, max_iterations)):
             misclosure, jacobian, rows, moved = self._rows(unknowns)
             finite = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)) & np.isfinite(misclosure).all(axis=-1))
             misclosure = np.where(finite[..., None], misclosure, 0.0)
@@ -146,7 +164,8 @@ def _merged(kept: Stationary, new: Stationary, where: BoolArray) -> Stationary:
     """`new` at the members `where`, `kept` elsewhere."""
 
     def merged(old: Any, fresh: Any) -> Any:
-        if isinstance(fresh, np.ndarray):
+        if isinstance(fresh, (np.ndarray, np.generic)):
+            fresh = np.asarray(fresh)
             return np.where(where.reshape(where.shape + (1,) * (fresh.ndim - where.ndim)), fresh, old)
         if isinstance(fresh, list):
             return [merged(one, two) for one, two in zip(old, fresh, strict=True)]

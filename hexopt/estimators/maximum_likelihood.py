@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 
 from ..arrays import Array, BoolArray, transpose
-from ..errors import InputError, RankDeficientError
+from ..errors import InputError
 from ..geometry import Hexapod, Leg
 from ..loops import Loop
-from ..loops.implicit import Implicit, WhitenedRows, check_errors
+from ..loops.implicit import Implicit, WhitenedRows, check_errors, degrees_of_freedom
 from ..numerics.charts import Chart
 from ..numerics.lstsq import solve
 from ..result import Estimate, Status
@@ -38,13 +38,15 @@ class MaximumLikelihood:
     unit_norm : bool, default True
         Whether the direction of Type I keeps its unit length; most of the gain over weighted least squares.
     max_iterations : int, default 100
+        Of each of the methods that are tried in turn.
 
     Notes
     -----
     With :math:`G_i = \partial g_i/\partial x` and :math:`B_i = \partial g_i/\partial m_i`, both at the moved
     measurements, the errors are :math:`e_i = -\Sigma_i B_i^T S_i^{-1} w_i`, where :math:`S_i = B_i\Sigma_i B_i^T` and
     :math:`w_i = g_i - B_i e_i`. The parameters follow from :math:`S_i^{-1/2} w_i` with the Jacobian
-    :math:`S_i^{-1/2} G_i`: by Gauss–Newton from a linear start, by Levenberg–Marquardt from a guess. What all poses
+    :math:`S_i^{-1/2} G_i`: by Gauss–Newton from where unweighted least squares ended, by
+    Levenberg–Marquardt where that fails. What all poses
     share (a common error, the error of known estimates) is estimated along, to first order. The covariance,
     :math:`(\sum G_i^T S_i^{-1} G_i)^{-1}` at the answer, is singular along unit vectors. There is no certificate of a
     global minimum (gap is NaN): :class:`UnitNormLeastSquares` has one, for given weights.
@@ -91,15 +93,7 @@ class MaximumLikelihood:
         check_errors(target, start, rows)
         shared = tuple(part.common.shape[-1] for part in rows)
         problem = Likelihood(target, target.chart(self.unit_norm, sum(shared)), shared)
-        count = sum(part.misclosure.shape[-2] * part.misclosure.shape[-1] for part in rows)
-        freedom = count + sum(shared) - problem.chart.free
-        if freedom < 0:
-            names = target.parameters.names
-            raise RankDeficientError(
-                f"too few poses: {count} equations for {count - freedom} unknowns ({', '.join(names)}); "
-                f"{type(target).__name__} needs at least {target.minimum_poses}",
-                names,
-            )
+        freedom = degrees_of_freedom(target, rows, problem.chart)
         end = problem.maximum(start, self.max_iterations, near=self.start is None and target.is_linear)
         return replace(
             _estimate(problem, end, np.asarray(np.isfinite(start).all(axis=-1) & ~target.failed), unseen),
@@ -133,7 +127,7 @@ def _estimate(problem: Likelihood, end: Stationary, started: BoolArray, unseen: 
         chi2=2 * objective,
         influence=_influence(gain, end.rows[0]) if len(end.rows) == 1 else None,
         iterations=end.iterations,
-        unseen=unseen or target.blind_spots or (target.parameters.names if target.failed.any() else ()),
+        unseen=target.blind_spots or unseen or (target.parameters.names if target.failed.any() else ()),
     )
 
 

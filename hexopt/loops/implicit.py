@@ -22,15 +22,15 @@ from ..numerics.lstsq import null_combinations, solve_svd
 from ..parameters import Parameters
 from ..problem import LinearProblem
 
-__all__ = ["Implicit", "Place", "WhitenedRows", "check_errors"]
+__all__ = ["Implicit", "Place", "Rows", "WhitenedRows", "check_errors", "degrees_of_freedom"]
 
 #: Places of a set's parameters among those of a model.
 Place = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class WhitenedRows:
-    """Rows of unit variance of one set.
+class Rows:
+    """Rows of one set.
 
     Attributes
     ----------
@@ -39,15 +39,25 @@ class WhitenedRows:
         By the parameters of the set.
     common : ndarray, shape (..., n, d, r)
         By standard errors of what the poses of the set share; r may be 0.
+    """
+
+    misclosure: Array
+    jacobian: Array
+    common: Array
+
+
+@dataclass(frozen=True)
+class WhitenedRows(Rows):
+    """Rows of unit variance of one set.
+
+    Attributes
+    ----------
     root : ndarray, shape (..., n, d, d)
         The left factor that whitened them.
     error : ndarray, shape (..., n, e)
         The errors of the measurements that make the equations hold.
     """
 
-    misclosure: Array
-    jacobian: Array
-    common: Array
     root: Array
     error: Array
 
@@ -149,7 +159,9 @@ class Implicit(ABC):
         """
         values, rows = self._rows_at(x, self.chart())
         count = sum(part.common.shape[-1] for part in rows)
-        chart, unknowns = self.chart(shared=count), np.concatenate([values, np.zeros((*values.shape[:-1], count))], -1)
+        chart = self.chart(shared=count)
+        degrees_of_freedom(self, rows, chart)
+        unknowns = np.concatenate([values, np.zeros((*values.shape[:-1], count))], -1)
         _, jacobian = self.stacked(rows, unknowns, chart)
         finite = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)))
         solution = solve_svd(np.where(finite[..., None, None], jacobian, 0.0), np.zeros(jacobian.shape[:-1]))
@@ -177,7 +189,7 @@ class Implicit(ABC):
         size = self.parameters.size
         return tuple(self.parameters.combination((basis @ vector)[:size], threshold=0.05) for vector in unseen)
 
-    def stacked(self, rows: Sequence[WhitenedRows], unknowns: Array, chart: Chart) -> tuple[Array, Array]:
+    def stacked(self, rows: Sequence[Rows], unknowns: Array, chart: Chart) -> tuple[Array, Array]:
         """All sets below each other: misclosures (..., M), and the Jacobian by free coordinates, (..., M, q).
 
         The unknowns (..., p + r) are the values and the shared errors of the sets, which have a last block of rows:
@@ -218,3 +230,17 @@ def check_errors(model: Implicit, values: Array, rows: Sequence[WhitenedRows]) -
                 f"{type(model).__name__}: the noise model leaves some equations without any error, so they cannot be "
                 "weighted; give every reading that enters them a noise level > 0"
             )
+
+
+def degrees_of_freedom(model: Implicit, rows: Sequence[Rows], chart: Chart) -> int:
+    """Rows minus unknowns, by the free coordinates of `chart`; fewer rows than unknowns are a wrong call."""
+    count = sum(part.misclosure.shape[-2] * part.misclosure.shape[-1] for part in rows)
+    unknowns = chart.free - sum(part.common.shape[-1] for part in rows)
+    if count >= unknowns:
+        return count - unknowns
+    names = model.parameters.names
+    raise RankDeficientError(
+        f"too few poses: {count} equations for {unknowns} unknowns ({', '.join(names)}); "
+        f"{type(model).__name__} needs at least {model.minimum_poses}",
+        names,
+    )

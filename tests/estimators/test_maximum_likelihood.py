@@ -415,6 +415,17 @@ class TestFailures:
             assert ok.all()
             assert same.all()
 
+    def test_a_single_set_whose_linear_start_is_far(self):
+        """Four poses, errors of half a centimetre: with or without success, a set alone ends as in its batch."""
+        noise = hx.UniformNoise(0.5, np.deg2rad(0.5), 0.5)
+        data = hx.simulate_leg(hx.robots.left_hand(), 3, "direction", 4, 40, noise=noise, rng=3)
+        together = hx.estimate(FixedDirection(data), ML)
+        assert not together.ok.all()
+        for i in range(40):
+            alone = hx.estimate(FixedDirection(data[i]), ML, throw=False)
+            assert alone.status == together.status[i]
+            np.testing.assert_allclose(alone.values, together.values[i], rtol=1e-4, atol=1e-4)
+
     def test_no_noise_model(self):
         for name, (_, _, kind) in LOOPS.items():
             with pytest.raises(InputError, match="no noise model"):

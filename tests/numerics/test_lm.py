@@ -1,10 +1,13 @@
 """Levenberg–Marquardt against scipy's, and its honesty about failure."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from hexopt.numerics.lm import levenberg_marquardt
+from hexopt.numerics.charts import Chart
+from hexopt.numerics.lm import levenberg_marquardt, row_size
 
 
 def batched(residual, jacobian):
@@ -111,3 +114,35 @@ def test_the_start_is_untouched():
     start = np.array([[-1.2, 1.0]])
     levenberg_marquardt(batched(rosenbrock, rosenbrock_jacobian), start)
     np.testing.assert_array_equal(start, [[-1.2, 1.0]])
+
+
+def test_members_that_have_ended_need_not_be_evaluated():
+    residual, jacobian, starts = CASES["decay"]
+    asked = []
+
+    def chosen(members):
+        asked.append(set(members.tolist()))
+        return batched(residual, jacobian)
+
+    found = levenberg_marquardt(batched(residual, jacobian), np.array(starts), chosen=chosen)
+    plain = levenberg_marquardt(batched(residual, jacobian), np.array(starts))
+    np.testing.assert_array_equal(found.values, plain.values)
+    np.testing.assert_array_equal(found.iterations, plain.iterations)
+    assert all(later <= earlier for earlier, later in itertools.pairwise(asked))
+    assert len(asked[-1]) < 3
+
+
+def test_polishing_brings_the_last_digits():
+    """Where the iteration ends early, one undamped step makes the gradient much smaller."""
+    residual, jacobian, starts = CASES["decay"]
+    rough = levenberg_marquardt(batched(residual, jacobian), np.array(starts), polish=False, absolute=1e-4)
+    fine = levenberg_marquardt(batched(residual, jacobian), np.array(starts), absolute=1e-4)
+    gradient = [
+        max(np.abs(jacobian(values).T @ residual(values)).max() for values in found.values) for found in (rough, fine)
+    ]
+    assert gradient[1] < 0.1 * gradient[0]
+
+
+def test_the_size_of_values_as_the_rows_see_them():
+    jacobian = np.array([[[3.0, 0.0], [4.0, 0.0]]])  # the second column is not seen, and counts as 1
+    assert row_size(Chart(2), np.array([[2.0, 1.0]]), jacobian) == pytest.approx(np.sqrt(101))
