@@ -2,7 +2,8 @@ r"""Mathematics as MathML, made by docutils when the page is built: browsers sho
 
 docutils reads a part of LaTeX. ``_tidy`` writes what it misreads (``\tfrac12``) or does not know (``…``) in other
 words; whatever it refuses then is a warning, hence an error of the build. The bars of a norm keep their height: a
-browser would stretch the left one alone where the right one has an exponent.
+browser would stretch the left one alone where the right one has an exponent. The index of a letter with a hat stands
+beside it, where docutils puts it below.
 """
 
 import re
@@ -16,6 +17,12 @@ from sphinx.util import logging
 from sphinx.util.math import get_node_equation_number
 from sphinx.writers.html5 import HTML5Translator
 
+_HAT = re.compile(
+    r"<munderover>\s*(<mi>\w+</mi>)\s*(<m[in]>\w+</m[in]>|<mrow>(?:(?!<mrow>).)*?</mrow>)\s*"
+    r'(<mo stretchy="false">ˆ</mo>)\s*</munderover>',
+    re.DOTALL,
+)
+
 
 def _tidy(tex: str) -> str:
     tex = re.sub(r"\\([dt]?frac)\s*(\d)\s*(\d)", r"\\\1{\2}{\3}", tex)
@@ -25,6 +32,7 @@ def _tidy(tex: str) -> str:
 def _mathml(self: HTML5Translator, node: nodes.Element, *, block: bool) -> str:
     try:
         markup = tex2mathml(_tidy(node.astext().strip()), as_block=block)
+        markup = _HAT.sub(r"<msub><mover>\1\3</mover>\2</msub>", markup)
         markup = markup.replace(
             '<mo class="mathopen">‖</mo>', '<mo form="prefix" stretchy="false">‖</mo>'
         )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import Array, BoolArray, matvec, norm
-from ..loops.implicit import Implicit, Rows, WhitenedRows
+from ..loops.implicit import Implicit, Rows, SharedPlaces, WhitenedRows, shared_places
 from ..numerics.charts import Chart
 from ..numerics.lm import levenberg_marquardt
 from ..numerics.lstsq import LstsqSolution, solve
@@ -23,6 +23,8 @@ ADJUSTMENTS = 10
 NEAR = 1e-4
 #: Where that ends: in σ, and relative to what rounding of the values does to the rows.
 SETTLED, ROUNDING = 1e-7, 1e-12
+#: By how much the next step is taken to be shorter at most.
+SHRINKING = 1e-2
 #: Steps that Gauss–Newton has.
 FINISHING = 30
 
@@ -58,7 +60,7 @@ class Stationary:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """A model as least squares in its values and, `shared` of each set, its common errors.
+    """A model as least squares in its values and the errors that its poses share.
 
     The `errors` that the measurements of each set are moved by follow the values: each evaluation begins where
     the one before it ended.
@@ -66,7 +68,7 @@ class Likelihood:
 
     target: Implicit
     chart: Chart
-    shared: tuple[int, ...]
+    shared: SharedPlaces
     errors: dict[int, Array] = field(default_factory=dict)
 
     def maximum(self, start: Array, max_iterations: int, *, near: bool) -> Stationary:
@@ -87,7 +89,7 @@ class Likelihood:
 
     def _with_shared(self, values: Array) -> Array:
         """Values, and common errors of zero."""
-        return np.concatenate([values, np.zeros((*values.shape[:-1], sum(self.shared)))], axis=-1)
+        return np.concatenate([values, np.zeros((*values.shape[:-1], self.shared.count))], axis=-1)
 
     def _descended(
         self, start: Array, rows: Callable[[Array], tuple[Array, Array]], max_iterations: int, absolute: float
@@ -111,8 +113,9 @@ class Likelihood:
         for part, place in self.target.parts:
             x = values[..., place]
             residual = part.residual(x)
-            rows.append(Rows(residual, part.jacobian(x), np.zeros((*residual.shape, 0))))
-        return self.target.stacked(rows, values, Chart(values.shape[-1], self.chart.units))
+            rows.append(Rows(residual, part.jacobian(x), np.zeros((*residual.shape, 0)), ()))
+        chart = Chart(values.shape[-1], self.chart.units)
+        return self.target.stacked(rows, values, chart, shared_places(rows))
 
     def _near_rows(self, unknowns: Array) -> tuple[Array, Array]:
         """Whitened rows, (..., M) and (..., M, q), at measurements that nearly agree with the unknowns."""
@@ -121,17 +124,17 @@ class Likelihood:
 
     def _rows(self, unknowns: Array, adjust: int = 0) -> tuple[Array, Array, list[WhitenedRows], BoolArray]:
         """Whitened misclosures (..., M), their Jacobian (..., M, q), the rows by set, and where measurements moved."""
-        rows, first = [], self.target.parameters.size
+        rows = []
+        values, errors = np.split(unknowns, [self.target.parameters.size], axis=-1)
         moved: Any = np.zeros(unknowns.shape[:-1], dtype=bool)
-        for k, ((part, place), count) in enumerate(zip(self.target.parts, self.shared, strict=True)):
-            own = unknowns[..., first : first + count] if count else None
+        for k, ((part, place), shared) in enumerate(zip(self.target.parts, self.shared.of_sets, strict=True)):
+            common = errors[..., shared] if len(shared) else None
             before = self.errors.get(k)
-            rows.append(part.whitened(unknowns[..., place], own, before, adjust=adjust, settled=NEAR))
+            rows.append(part.whitened(values[..., place], common, before, adjust=adjust, settled=NEAR))
             away = rows[k].error if before is None else rows[k].error - before
             moved = moved | (np.abs(away) > NEAR * part.error_scale).any(axis=(-2, -1))
             self.errors[k] = rows[k].error
-            first += count
-        return *self.target.stacked(rows, unknowns, self.chart), rows, np.asarray(moved)
+        return *self.target.stacked(rows, unknowns, self.chart, self.shared), rows, np.asarray(moved)
 
     def _row_size(self, unknowns: Array, jacobian: Array) -> Array:
         """The size of the values as the rows see it, shape (...)."""
@@ -139,24 +142,31 @@ class Likelihood:
         return norm(lengths * np.where(self.chart.turning, 1.0, self.chart.coordinates(unknowns)))
 
     def _finished(self, unknowns: Array, moving: BoolArray, max_iterations: int) -> Stationary:
-        """Gauss–Newton in the values and the measurements at once, until neither moves by a ten-millionth of σ."""
+        """Gauss–Newton in the values and the measurements at once, until neither moves by a ten-millionth of σ.
+
+        Steps shrink by a nearly constant factor; a problem has settled where the next one would be as small.
+        """
         settled = np.zeros(unknowns.shape[:-1], dtype=bool)
         iterations = np.zeros(unknowns.shape[:-1], dtype=np.int64)
+        before: Array = np.full(unknowns.shape[:-1], np.inf)
         for _ in range(min(FINISHING, max_iterations)):
             misclosure, jacobian, rows, moved = self._rows(unknowns)
             finite = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)) & np.isfinite(misclosure).all(axis=-1))
-            misclosure = np.where(finite[..., None], misclosure, 0.0)
-            jacobian = np.where(finite[..., None, None], jacobian, 0.0)
-            local = solve(jacobian, -misclosure)
+            if not finite.all():
+                misclosure = np.where(finite[..., None], misclosure, 0.0)
+                jacobian = np.where(finite[..., None, None], jacobian, 0.0)
+            local = solve(jacobian, -misclosure, inverse=False)
             active = moving & finite & local.full_rank & ~settled
             step = np.where(active[..., None], local.values, 0.0)
             size = norm(matvec(jacobian, step))
+            shrinking = np.minimum(np.divide(size, before, out=np.ones(size.shape), where=before > 0), 1.0)
             tolerance = np.maximum(SETTLED, ROUNDING * self._row_size(unknowns, jacobian))
-            unknowns = self.chart.moved(unknowns, step)
+            unknowns, before = self.chart.moved(unknowns, step), size
             iterations += active
-            settled = settled | (active & ~moved & (size <= tolerance))
+            settled = settled | (active & ~moved & (size * np.maximum(shrinking, SHRINKING) <= tolerance))
             if not (active & ~settled).any():
                 break
+        local = solve(jacobian, -misclosure)
         return Stationary(unknowns, settled, finite, misclosure, jacobian, local, rows, iterations)
 
 
@@ -169,7 +179,9 @@ def _merged(kept: Stationary, new: Stationary, where: BoolArray) -> Stationary:
             return np.where(where.reshape(where.shape + (1,) * (fresh.ndim - where.ndim)), fresh, old)
         if isinstance(fresh, list):
             return [merged(one, two) for one, two in zip(old, fresh, strict=True)]
-        return type(fresh)(**{name: merged(getattr(old, name), value) for name, value in vars(fresh).items()})
+        if not is_dataclass(fresh):
+            return fresh
+        return replace(fresh, **{name: merged(getattr(old, name), value) for name, value in vars(fresh).items()})  # type: ignore[type-var]
 
     result: Stationary = merged(kept, new)
     return result

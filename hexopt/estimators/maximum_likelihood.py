@@ -11,7 +11,7 @@ from ..arrays import Array, BoolArray, transpose
 from ..errors import InputError
 from ..geometry import Hexapod, Leg
 from ..loops import Loop
-from ..loops.implicit import Implicit, WhitenedRows, check_errors, degrees_of_freedom
+from ..loops.implicit import Implicit, WhitenedRows, check_errors, degrees_of_freedom, shared_places
 from ..numerics.charts import Chart
 from ..numerics.lstsq import solve
 from ..result import Estimate, Status
@@ -91,8 +91,8 @@ class MaximumLikelihood:
         start, unseen = _start(target, self.start, target.chart(self.unit_norm))
         rows = [part.whitened(start[..., place]) for part, place in target.parts]
         check_errors(target, start, rows)
-        shared = tuple(part.common.shape[-1] for part in rows)
-        problem = Likelihood(target, target.chart(self.unit_norm, sum(shared)), shared)
+        shared = shared_places(rows)
+        problem = Likelihood(target, target.chart(self.unit_norm, shared.count), shared)
         freedom = degrees_of_freedom(target, rows, problem.chart)
         end = problem.maximum(start, self.max_iterations, near=self.start is None and target.is_linear)
         return replace(
@@ -118,8 +118,8 @@ def _estimate(problem: Likelihood, end: Stationary, started: BoolArray, unseen: 
         values=np.where((codes == Status.OPTIMAL)[..., None], end.unknowns[..., :size], np.nan),
         parameters=target.parameters,
         codes=codes,
-        covariance=gain @ transpose(gain),
-        covariance_kind="model",
+        covariance=None if target.uncarried else gain @ transpose(gain),
+        covariance_kind=target.uncarried or "model",
         objective=objective,
         gap=np.full(codes.shape, np.nan),
         condition=end.local.condition,

@@ -110,7 +110,7 @@ class Loop(LegEquation):
             cancellation=lost,
             minimum_poses=self.minimum_poses,
             name=name,
-            uncarried=self._uncarried,
+            uncarried=self.uncarried,
         )
 
     def linearised(self, x: npt.ArrayLike | Leg | Estimate) -> LinearProblem:
@@ -129,7 +129,7 @@ class Loop(LegEquation):
             noise=None if self.data.noise is None else ConstantRowNoise(self.covariance(values)),
             minimum_poses=self.minimum_poses,
             name=type(self).__name__,
-            uncarried=self._uncarried,
+            uncarried=self.uncarried,
         )
 
     def _consecutive(self) -> Consecutive:

@@ -22,7 +22,16 @@ from ..numerics.lstsq import null_combinations, solve_svd
 from ..parameters import Parameters
 from ..problem import LinearProblem
 
-__all__ = ["Implicit", "Place", "Rows", "WhitenedRows", "check_errors", "degrees_of_freedom"]
+__all__ = [
+    "Implicit",
+    "Place",
+    "Rows",
+    "SharedPlaces",
+    "WhitenedRows",
+    "check_errors",
+    "degrees_of_freedom",
+    "shared_places",
+]
 
 #: Places of a set's parameters among those of a model.
 Place = npt.NDArray[np.intp]
@@ -39,11 +48,14 @@ class Rows:
         By the parameters of the set.
     common : ndarray, shape (..., n, d, r)
         By standard errors of what the poses of the set share; r may be 0.
+    sources : tuple of (object, int)
+        Where these come from, and how many columns each has: an estimate, which several sets may share, or None.
     """
 
     misclosure: Array
     jacobian: Array
     common: Array
+    sources: tuple[tuple[Any, int], ...]
 
 
 @dataclass(frozen=True)
@@ -70,6 +82,8 @@ class Implicit(ABC):
     unit_vectors: tuple[str, ...] = ()
     #: Problems of which a known value is an estimate that failed, broadcastable to the batch.
     failed: BoolArray = np.array(False)
+    #: Why a covariance would leave out the error of a known estimate; empty where it does not.
+    uncarried: str = ""
 
     @property
     @abstractmethod
@@ -92,7 +106,7 @@ class Implicit(ABC):
     @property
     @abstractmethod
     def minimum_poses(self) -> int:
-        """How few poses a set determine the unknowns, in general position."""
+        """How few poses a set determine the unknowns, in general position; 0 where that has no general answer."""
 
     @property
     def is_linear(self) -> bool:
@@ -116,9 +130,9 @@ class Implicit(ABC):
     def information(self, x: Any) -> Array:
         r"""Information that each pose brings: :math:`T^T G_i^T S_i^{-1} G_i T`, shape (..., n, q, q).
 
-        Additive over poses. The q coordinates are the parameters, in which a unit vector counts two
-        (:meth:`chart` has the basis T, which stands last); no reading enters but where `x` leaves a nuisance open.
-        What all poses of a set share (a common error, the error of known values) is not in it.
+        Additive over poses. The q coordinates are the parameters, in which a unit vector counts two: T is the basis
+        that ``chart().basis(values)`` gives, with the columns of unit vectors last. What all poses of a set share (a
+        common error, the error of known values) is not in it.
 
         Parameters
         ----------
@@ -157,12 +171,16 @@ class Implicit(ABC):
         RankDeficientError
             If the poses do not see all parameters: there is no bound.
         """
+        if self.uncarried:
+            raise InputError(f"no bound: {self.uncarried}")
+        if self.blind_spots:
+            raise RankDeficientError(f"no bound: the poses do not see {'; '.join(self.blind_spots)}", self.blind_spots)
         values, rows = self._rows_at(x, self.chart())
-        count = sum(part.common.shape[-1] for part in rows)
-        chart = self.chart(shared=count)
+        shared = shared_places(rows)
+        chart = self.chart(shared=shared.count)
         degrees_of_freedom(self, rows, chart)
-        unknowns = np.concatenate([values, np.zeros((*values.shape[:-1], count))], -1)
-        _, jacobian = self.stacked(rows, unknowns, chart)
+        unknowns = np.concatenate([values, np.zeros((*values.shape[:-1], shared.count))], axis=-1)
+        _, jacobian = self.stacked(rows, unknowns, chart, shared)
         finite = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)))
         solution = solve_svd(np.where(finite[..., None, None], jacobian, 0.0), np.zeros(jacobian.shape[:-1]))
         seen = solution.full_rank | ~finite
@@ -189,26 +207,30 @@ class Implicit(ABC):
         size = self.parameters.size
         return tuple(self.parameters.combination((basis @ vector)[:size], threshold=0.05) for vector in unseen)
 
-    def stacked(self, rows: Sequence[Rows], unknowns: Array, chart: Chart) -> tuple[Array, Array]:
+    def stacked(self, rows: Sequence[Rows], unknowns: Array, chart: Chart, shared: SharedPlaces) -> tuple[Array, Array]:
         """All sets below each other: misclosures (..., M), and the Jacobian by free coordinates, (..., M, q).
 
         The unknowns (..., p + r) are the values and the shared errors of the sets, which have a last block of rows:
         their unit variances.
         """
-        size, shared = self.parameters.size, unknowns[..., self.parameters.size :]
+        size = self.parameters.size
         batch = np.broadcast_shapes(unknowns.shape[:-1], *(part.misclosure.shape[:-2] for part in rows))
-        misclosures, jacobians, first = [], [], size
-        for part, (_, place) in zip(rows, self.parts, strict=True):
+        misclosures, jacobians = [], []
+        for part, (_, place), common in zip(rows, self.parts, shared.of_sets, strict=True):
             n, d, r = part.common.shape[-3:]
-            columns = np.zeros((*batch, n * d, unknowns.shape[-1]))
-            columns[..., place] = part.jacobian.reshape(*part.jacobian.shape[:-3], n * d, len(place))
-            columns[..., first : first + r] = part.common.reshape(*part.common.shape[:-3], n * d, r)
-            first += r
+            own = part.jacobian.reshape(*part.jacobian.shape[:-3], n * d, len(place))
+            if len(place) == unknowns.shape[-1]:  # one set has them all, in order
+                columns = np.broadcast_to(own, (*batch, *own.shape[-2:]))
+            else:
+                columns = np.zeros((*batch, n * d, unknowns.shape[-1]))
+                columns[..., place] = own
+                columns[..., size + common] = part.common.reshape(*part.common.shape[:-3], n * d, r)
             jacobians.append(columns)
             misclosures.append(np.broadcast_to(part.misclosure, (*batch, n, d)).reshape(*batch, n * d))
-        if shared.shape[-1]:
-            jacobians.append(np.broadcast_to(np.eye(unknowns.shape[-1])[size:], (*batch, *shared.shape[-1:], first)))
-            misclosures.append(np.broadcast_to(shared, (*batch, *shared.shape[-1:])))
+        if shared.count:
+            prior = np.eye(size + shared.count)[size:]
+            jacobians.append(np.broadcast_to(prior, (*batch, *prior.shape)))
+            misclosures.append(np.broadcast_to(unknowns[..., size:], (*batch, shared.count)))
         jacobian = np.concatenate(jacobians, axis=-2)
         return np.concatenate(misclosures, axis=-1), chart.reduced(jacobian, unknowns)
 
@@ -219,6 +241,38 @@ class Implicit(ABC):
         out = np.zeros((*columns.shape[:-1], self.parameters.size))
         out[..., place] = columns
         return out
+
+
+@dataclass(frozen=True)
+class SharedPlaces:
+    """Where the shared errors of every set stand among all; what several sets take from one estimate is one error.
+
+    Attributes
+    ----------
+    of_sets : tuple of ndarray of int
+    count : int
+    """
+
+    of_sets: tuple[Place, ...]
+    count: int
+
+
+def shared_places(rows: Sequence[Rows]) -> SharedPlaces:
+    """The places of shared errors from their sources."""
+    known: dict[int, Place] = {}
+    of_sets, count = [], 0
+    for part in rows:
+        places = [np.zeros(0, dtype=np.intp)]
+        for source, width in part.sources:
+            place = known.get(id(source)) if source is not None else None
+            if place is None:
+                place = np.arange(count, count + width)
+                count += width
+            if source is not None:
+                known[id(source)] = place
+            places.append(place)
+        of_sets.append(np.concatenate(places))
+    return SharedPlaces(tuple(of_sets), count)
 
 
 def check_errors(model: Implicit, values: Array, rows: Sequence[WhitenedRows]) -> None:
@@ -235,12 +289,11 @@ def check_errors(model: Implicit, values: Array, rows: Sequence[WhitenedRows]) -
 def degrees_of_freedom(model: Implicit, rows: Sequence[Rows], chart: Chart) -> int:
     """Rows minus unknowns, by the free coordinates of `chart`; fewer rows than unknowns are a wrong call."""
     count = sum(part.misclosure.shape[-2] * part.misclosure.shape[-1] for part in rows)
-    unknowns = chart.free - sum(part.common.shape[-1] for part in rows)
+    unknowns = chart.free - shared_places(rows).count
     if count >= unknowns:
         return count - unknowns
     names = model.parameters.names
+    need = f"; {type(model).__name__} needs at least {model.minimum_poses} poses" if model.minimum_poses else ""
     raise RankDeficientError(
-        f"too few poses: {count} equations for {unknowns} unknowns ({', '.join(names)}); "
-        f"{type(model).__name__} needs at least {model.minimum_poses}",
-        names,
+        f"too few poses: {count} equations for {unknowns} unknowns ({', '.join(names)}){need}", names
     )

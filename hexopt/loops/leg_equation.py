@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -21,7 +20,7 @@ from ..measurements import LegMeasurements, Lock
 from ..parameters import Block, Parameters
 from ..problem import RowCovariance
 from ..result import Estimate
-from .known import Known, KnownValues, check_estimate_unit, chosen_unknown, known_values, square_root
+from .known import Known, KnownValues, check_estimate_unit, chosen_unknown, known_values
 from .set_equation import SetEquation
 
 __all__ = ["LegEquation"]
@@ -69,8 +68,7 @@ class LegEquation(SetEquation):
         known = [block for block in self.involved if block not in self.unknown]
         found = known_values(name, known, given, data)
         self._known, self._known_roots, self._sources = found.values, found.roots, found.sources
-        #: Why a covariance of the unknown would leave out the error of a known estimate; empty where it does not.
-        self._uncarried = _why_uncarried(found, data)
+        self.uncarried = _why_uncarried(found, data)
         self.failed = np.array(False)
         for block, value in self._known.items():
             try:
@@ -214,46 +212,18 @@ class LegEquation(SetEquation):
         jacobian = self._noise_columns(blocks)
         own = jacobian @ self.error_covariance @ np.swapaxes(jacobian, -1, -2)
         shape = own.shape[:-2]
-        shared = self._shared(blocks, jacobian)
+        shared = self.shared(values, jacobian)
         return own, [(source, np.broadcast_to(part, (*shape, *part.shape[-2:]))) for source, part in shared]
 
-    def _shared(self, blocks: Mapping[str, Array], jacobian: Array) -> list[tuple[Estimate | None, Array]]:
-        shared: list[tuple[Estimate | None, Array]] = []
-        common = None if self.data.noise is None else self.data.noise.common()
-        if common is not None:
-            shared.append((None, jacobian @ square_root(common)))
-        columns = self._columns(blocks) if self._sources else {}
+    def shared(self, x: npt.ArrayLike | Leg | Estimate, by_noise: Array) -> list[tuple[Estimate | None, Array]]:
+        """How the rows move with a common error, and with the errors of the estimates that known values come from."""
+        shared: list[tuple[Estimate | None, Array]] = super().shared(x, by_noise)
+        columns = self._columns(self._blocks(x)) if self._sources else {}
         for source in {id(found): found for found in self._sources.values()}.values():
             names = [name for name, found in self._sources.items() if found is source]
             parts = [columns[name] @ self._known_roots[name][..., None, :, :] for name in names]
             shared.append((source, np.sum(np.broadcast_arrays(*parts), axis=0)))
         return shared
-
-    @cached_property
-    def error_covariance(self) -> Array:
-        r""":math:`\Sigma_i`, the covariance of every pose's error, shape (..., n, 7, 7).
-
-        Raises
-        ------
-        InputError
-            If the data has no noise model.
-        """
-        noise = self.data.noise
-        if noise is None:
-            raise InputError(f"{type(self).__name__}: the measurements have no noise model; give them noise=…")
-        return noise.covariance(self.data.position, self.data.rotation)
-
-    def common_columns(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
-        """How the rows move with a common error and the error of known estimates, by their standard errors."""
-        if not self._sources and (self.data.noise is None or self.data.noise.common() is None):
-            return np.zeros((*self.data.position.shape[:-1], self.rows, 0))
-        blocks = self._blocks(x)
-        jacobian = self._noise_columns(blocks)
-        shared = [part for _, part in self._shared(blocks, jacobian)]
-        shape = jacobian.shape[:-1]
-        return np.concatenate(
-            [np.zeros((*shape, 0)), *(np.broadcast_to(u, (*shape, u.shape[-1])) for u in shared)], axis=-1
-        )
 
     # --- shared pieces ----------------------------------------------------------------------------
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import Array, norm
+from ..errors import RankDeficientError
+from ..geometry import Leg
 from ..measurements import Lock
+from ..problem import LinearProblem
+from ..result import Estimate
 from ..rotations.checks import turning_columns
 from .base import Loop
 
-__all__ = ["LegLength"]
+__all__ = ["LegLength", "constant_reading", "hidden_by", "hidden_from_all"]
 
 
 class LegLength(Loop):
@@ -61,9 +66,18 @@ class LegLength(Loop):
 
     @property
     def blind_spots(self) -> tuple[str, ...]:
-        """A leg that keeps its direction says nothing of a across it."""
-        locked = self.data.lock in (Lock.DIRECTION, Lock.LEG)
-        return ("base_point across the leg's locked direction",) if locked and "base_point" in self.unknown else ()
+        """A leg that keeps its direction says nothing of a across it, one that keeps its length gives one reading."""
+        return hidden_by(self.data.lock, self.unknown)
+
+    def linear(self, form: str = "direct", at: npt.ArrayLike | Leg | Estimate | None = None) -> LinearProblem:
+        """As of any loop; a constant reading does not tell offset and gain apart: RankDeficientError."""
+        if self.blind_spots:
+            raise RankDeficientError(
+                f"LegLength under the lock {str(self.data.lock)!r} does not see {' and '.join(self.blind_spots)}; "
+                "give one of them as known, or poses of other lengths",
+                self.blind_spots,
+            )
+        return super().linear(form, at)
 
     def _vectors(self, blocks: Mapping[str, Array]) -> Array:
         vectors: Array = self.data.position + self._arm(blocks) - blocks["base_point"][..., None, :]
@@ -93,3 +107,28 @@ class LegLength(Loop):
         out[..., 0, 3:6] = np.einsum("...ni,...nij->...nj", unit, turning_columns(self._arm(blocks)))
         out[..., 0, 6] = -blocks["gain"]
         return out
+
+
+def hidden_by(lock: Lock, unknown: Sequence[str]) -> tuple[str, ...]:
+    """What a leg's lengths under its lock do not see, though noise in the measurements makes it look seen; in words."""
+    across = lock in (Lock.DIRECTION, Lock.LEG) and "base_point" in unknown
+    constant = constant_reading(unknown) if lock in (Lock.LEG, Lock.LENGTH) else ()
+    return ("base_point across the leg's locked direction",) * across + constant
+
+
+def constant_reading(unknown: Sequence[str]) -> tuple[str, ...]:
+    """What the reading of a locked length does not see, in words."""
+    return ("offset against gain: a locked length has one reading",) * ({"offset", "gain"} <= set(unknown))
+
+
+def hidden_from_all(loops: Sequence[Loop]) -> tuple[str, ...]:
+    """What several sets of one leg do not see either.
+
+    A locked direction brings one equation for a and an unknown offset, a locked length one for offset and gain.
+    """
+    blind = [set(loop.blind_spots) for loop in loops]
+    common = [words for words in loops[0].blind_spots if all(words in one for one in blind)]
+    across = 3 + ("offset" in loops[0].unknown)
+    return tuple(
+        words for words in common if len(loops) < (2 if words in constant_reading(loops[0].unknown) else across)
+    )

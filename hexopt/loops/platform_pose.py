@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -15,11 +14,12 @@ from ..forward import PoseSolution, pose_derivatives, solve_poses
 from ..forward.equations import inverses
 from ..geometry import Hexapod
 from ..geometry.leg import LEG_BLOCKS
-from ..measurements import Lock, Measurements
+from ..measurements import Measurements
 from ..problem import ConstantRowNoise, LinearProblem, RowCovariance
 from ..result import Estimate
 from ..rotations import matrix_to_rotation_vector, rotation_vector_jacobian
-from .known import chosen_unknown, square_root
+from .known import chosen_unknown
+from .leg_length import hidden_by
 from .legs import leg_blocks, leg_columns, leg_parameters, leg_values
 from .set_equation import SetEquation
 
@@ -76,7 +76,7 @@ class PlatformPose(SetEquation):
     (42, True)
     """
 
-    errors = 12
+    n_readings = 6
 
     def __init__(
         self, data: Measurements, *, unknown: Sequence[str] | str = ("platform_point", "base_point", "offset")
@@ -99,10 +99,8 @@ class PlatformPose(SetEquation):
 
     @property
     def blind_spots(self) -> tuple[str, ...]:
-        """The base point of a leg whose direction is locked: it is seen along that direction only."""
-        if self.data.lock not in (Lock.DIRECTION, Lock.LEG) or "base_point" not in self.unknown:
-            return ()
-        return (f"leg{self.data.locked_leg}.base_point across the leg's locked direction",)
+        """What the lock hides of its leg, as in :class:`LegLength`."""
+        return tuple(f"leg{self.data.locked_leg}.{words}" for words in hidden_by(self.data.lock, self.unknown))
 
     @property
     def minimum_poses(self) -> int:
@@ -142,23 +140,6 @@ class PlatformPose(SetEquation):
         r""":math:`B_i = \partial g_i/\partial(\delta P, \delta\omega, \delta\rho)`, six δρ, shape (..., n, 6, 12)."""
         return self._columns(self._solved(x))[1]
 
-    @cached_property
-    def error_covariance(self) -> Array:
-        r""":math:`\Sigma_i`, the covariance of every pose's error, shape (..., n, 12, 12).
-
-        Raises
-        ------
-        InputError
-            If the data has no noise model.
-        """
-        if self.data.noise is None:
-            raise InputError("PlatformPose: the measurements have no noise model; give them noise=…")
-        return self.data.noise.covariance(self.data.position, self.data.rotation, 6)
-
-    def common_columns(self, x: npt.ArrayLike | Hexapod | Estimate) -> Array:
-        """How the rows move with an error that all poses share, by its standard errors, (..., n, 6, r)."""
-        return self._common(self.noise_jacobian(x))
-
     def linearised(self, x: npt.ArrayLike | Hexapod | Estimate, radius: float = 1.0) -> LinearProblem:
         """The rows to first order about x, in the unknown *change* of x; turns count as lengths, times a radius.
 
@@ -172,8 +153,8 @@ class PlatformPose(SetEquation):
         noise = None
         if self.data.noise is not None:
             own = by_noise @ self.error_covariance @ transpose(by_noise)
-            common = self._common(by_noise)
-            noise = ConstantRowNoise(RowCovariance(own, common if common.shape[-1] else None))
+            common = [part for _, part in self.shared(x, by_noise)]
+            noise = ConstantRowNoise(RowCovariance(own, common[0] if common else None))
         reached = np.asarray(np.isfinite(jacobian).all(axis=(-3, -2, -1)))[..., None]
         flat = (*residual.shape[:-2], residual.shape[-2] * 6)
         return LinearProblem(
@@ -206,18 +187,11 @@ class PlatformPose(SetEquation):
     def _columns(self, solved: _Solved) -> tuple[Array, Array]:
         """The derivatives by the unknowns and by the errors of the measurements."""
         by = pose_derivatives(solved.blocks, solved.poses.position, solved.poses.rotation)
-        noise = np.zeros((*solved.residual.shape, self.errors))
+        noise = np.zeros((*solved.residual.shape, 6 + self.n_readings))
         noise[..., :3, :3] = -np.eye(3)
         noise[..., 3:, 3:6] = -transpose(solved.turning)
         noise[..., 6:] = solved.left(by.pop("reading")[..., 0])
         return solved.left(leg_columns(by, self.parameters, LEGS)), noise
-
-    def _common(self, by_noise: Array) -> Array:
-        common = None if self.data.noise is None else self.data.noise.common(6)
-        if common is None:
-            return np.zeros((*by_noise.shape[:-1], 0))
-        shared: Array = by_noise @ square_root(common)
-        return shared
 
 
 def _turns_times(radius: float) -> Array:

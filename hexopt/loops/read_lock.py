@@ -11,6 +11,7 @@ from ..arrays import Array, norm
 from ..measurements import Lock
 from ..rotations.checks import turning_columns
 from .base import Loop
+from .leg_length import constant_reading
 
 __all__ = ["ReadLeg", "ReadLength"]
 
@@ -43,6 +44,11 @@ class ReadLeg(Loop):
     rows = 4
     forms = ()
     minimum_poses = 3
+
+    @property
+    def blind_spots(self) -> tuple[str, ...]:
+        """One reading does not tell offset and gain apart."""
+        return constant_reading(self.unknown)
 
     def _reach(self, blocks: Mapping[str, Array]) -> Array:
         """c − a, shape (..., 1, 3)."""
@@ -111,6 +117,11 @@ class ReadLength(Loop):
     def minimum_poses(self) -> int:
         """4 for a, and 7 with b unknown too."""
         return 7 if "platform_point" in self.unknown else 4
+
+    @property
+    def blind_spots(self) -> tuple[str, ...]:
+        """One reading does not tell offset and gain apart."""
+        return constant_reading(self.unknown)
 
     def _vectors(self, blocks: Mapping[str, Array]) -> Array:
         vectors: Array = self.data.position + self._arm(blocks) - blocks["base_point"][..., None, :]

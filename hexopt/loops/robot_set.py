@@ -19,7 +19,6 @@ from .fixed_direction import FixedDirection
 from .fixed_leg import FixedLeg
 from .fixed_length import FixedLength
 from .implicit import Place
-from .known import square_root
 from .leg_length import LegLength
 from .legs import leg_parameters
 from .read_lock import ReadLeg, ReadLength
@@ -62,6 +61,7 @@ class RobotSet(SetEquation):
         main = leg_parameters(unknown, numbers, data.length_unit)
         nuisance = [block for loop in self.legs.values() for block in loop.parameters if block.nuisance]
         self.parameters = Parameters((*main.blocks, *nuisance))
+        self.n_readings = len(self.legs)
         self.places = [_places(self.parameters, k, loop) for k, loop in self.legs.items()]
         self.unit_vectors = tuple(name for loop in self.legs.values() for name in loop.unit_vectors)
 
@@ -127,22 +127,6 @@ class RobotSet(SetEquation):
         ends = np.cumsum([loop.rows for loop in self.legs.values()]).tolist()
         rows = [slice(end - loop.rows, end) for end, loop in zip(ends, self.legs.values(), strict=True)]
         return list(zip(self.legs.values(), self.places, rows, strict=True))
-
-    # --- its noise --------------------------------------------------------------------------------
-
-    @cached_property
-    def error_covariance(self) -> Array:
-        r""":math:`\Sigma_i`, shape (..., n, 6 + L, 6 + L)."""
-        if self.data.noise is None:
-            raise InputError("WholeRobot: a set of measurements has no noise model; give it noise=…")
-        return self.data.noise.covariance(self.data.position, self.data.rotation, len(self.legs))
-
-    def common_columns(self, x: Array) -> Array:
-        """How the rows move with the common error of the set, by its standard errors."""
-        common = None if self.data.noise is None else self.data.noise.common(len(self.legs))
-        if common is None:
-            return np.zeros((*self.data.position.shape[:-1], self.rows, 0))
-        return self.noise_jacobian(x) @ square_root(common)
 
     def on(self, data: Measurements | LegMeasurements) -> Self:
         """The same equations of other values of the measurements."""

@@ -11,9 +11,11 @@ from typing import Any, Self
 import numpy as np
 
 from ..arrays import Array, matvec, transpose
+from ..errors import InputError
 from ..numerics.roots import inverse_cholesky
 from ..rotations import rotation_vector_jacobian
 from .implicit import Implicit, Place, WhitenedRows
+from .known import square_root
 
 __all__ = ["SetEquation"]
 
@@ -25,6 +27,8 @@ class SetEquation(Implicit):
     """The implicit equation of one set of poses."""
 
     data: Any
+    #: Readings of a pose: its error has 6 numbers more.
+    n_readings: int = 1
 
     @property
     def parts(self) -> Sequence[tuple[SetEquation, Place]]:
@@ -43,10 +47,20 @@ class SetEquation(Implicit):
     def noise_jacobian(self, x: Any) -> Array:
         r""":math:`B_i = \partial g_i/\partial(\delta P, \delta\omega, \delta\rho)`, shape (..., n, d, e)."""
 
-    @property
-    @abstractmethod
+    @cached_property
     def error_covariance(self) -> Array:
-        r""":math:`\Sigma_i`, shape (..., n, e, e); an error where the noise is unknown."""
+        r""":math:`\Sigma_i`, the covariance of every pose's error, shape (..., n, e, e).
+
+        Raises
+        ------
+        InputError
+            If the data has no noise model.
+        """
+        noise = self.data.noise
+        if noise is None:
+            raise InputError(f"{type(self).__name__}: the measurements have no noise model; give them noise=…")
+        covariance: Array = noise.covariance(self.data.position, self.data.rotation, self.n_readings)
+        return covariance
 
     @cached_property
     def error_scale(self) -> Array:
@@ -54,9 +68,13 @@ class SetEquation(Implicit):
         scale: Array = np.sqrt(np.einsum("...ii->...i", self.error_covariance))
         return scale
 
-    @abstractmethod
-    def common_columns(self, x: Any) -> Array:
-        """How the rows move with what all poses share, by its standard errors, shape (..., n, d, r); r may be 0."""
+    def shared(self, x: Any, by_noise: Array) -> list[tuple[Any, Array]]:
+        """How the rows move with what all poses share, by its standard errors (..., n, d, r), and by its source.
+
+        The source of the common error of the set itself is None. `by_noise` is the :meth:`noise_jacobian` at x.
+        """
+        common = None if self.data.noise is None else self.data.noise.common(self.n_readings)
+        return [] if common is None else [(None, by_noise @ square_root(common))]
 
     def on(self, data: Any) -> Self:
         """The same equation of other values of the measurements."""
@@ -103,21 +121,21 @@ class SetEquation(Implicit):
             error = after
             here = self.shifted(error)
             rows, after = here._whitened(x, common, self.error_covariance, error)
-        misclosure, columns, root = rows
-        return WhitenedRows(misclosure, root @ here.jacobian(x), columns, root, after)
+        misclosure, common_columns, sources, root = rows
+        return WhitenedRows(misclosure, root @ here.jacobian(x), common_columns, sources, root, after)
 
     def _whitened(
         self, x: Array, common: Array | None, covariance: Array, error: Array | None
-    ) -> tuple[tuple[Array, Array, Array], Array]:
-        """Misclosure, common columns and their root at measurements moved by `error`; and the next error."""
+    ) -> tuple[tuple[Array, Array, tuple[tuple[Any, int], ...], Array], Array]:
+        """Misclosure, common columns, their sources and the root at measurements moved by `error`; the next error."""
         noise = self.noise_jacobian(x)
         misclosure = self.residual(x)
-        if error is not None:
-            noise[..., 3:6] = noise[..., 3:6] @ rotation_vector_jacobian(
-                error[..., 3:6]
-            )  # by the rotation vector itself
+        shared = self.shared(x, noise)
+        if error is not None:  # derivatives by the rotation vector itself
+            noise[..., 3:6] = noise[..., 3:6] @ rotation_vector_jacobian(error[..., 3:6])
             misclosure = misclosure - matvec(noise, error)
-        columns = self.common_columns(x)
+        wide = [np.broadcast_to(columns, (*noise.shape[:-1], columns.shape[-1])) for _, columns in shared]
+        columns = np.concatenate([np.zeros((*noise.shape[:-1], 0)), *wide], axis=-1)
         if common is not None:
             misclosure = misclosure + np.einsum("...ndr,...r->...nd", columns, common)
         through = noise @ covariance
@@ -125,4 +143,5 @@ class SetEquation(Implicit):
         whitened = matvec(root, misclosure)
         least = -matvec(transpose(through), matvec(transpose(root), whitened))
         least[~np.isfinite(least).all(axis=(-2, -1))] = 0.0  # a member that failed stays where it was measured
-        return (whitened, root @ columns, root), least
+        sources = tuple((source, part.shape[-1]) for source, part in shared)
+        return (whitened, root @ columns, sources, root), least

@@ -15,6 +15,7 @@ from ..result import Estimate
 from .base import Loop
 from .implicit import Implicit, Place
 from .joining import join
+from .leg_length import hidden_from_all
 from .parts import Part, check_alike, joined_names, joined_parameters, places_of
 from .set_equation import SetEquation
 
@@ -72,6 +73,8 @@ class Sets(Implicit):
         check_alike("Sets", parts)
         names = joined_names("Sets", parts)
         self.loops = loops
+        self.uncarried = "; ".join(dict.fromkeys(loop.uncarried for loop in loops if loop.uncarried))
+        self.failed = np.asarray(sum(np.asarray(loop.failed) for loop in loops) > 0)
         self.parameters = joined_parameters("Sets", parts, names)
         self._places = places_of(parts, names, self.parameters)
         self.unit_vectors = tuple(
@@ -108,9 +111,8 @@ class Sets(Implicit):
 
     @property
     def blind_spots(self) -> tuple[str, ...]:
-        """What no set sees: a locked direction brings one equation for a and an unknown offset."""
-        blind = [loop.blind_spots for loop in self.loops]
-        return blind[0] if all(blind) and len(blind) < 3 + ("offset" in self.parameters) else ()
+        """What no set sees, nor all of them."""
+        return hidden_from_all(self.loops)
 
     def values(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
         """A full vector of values (..., p); what `x` does not say of the nuisances is what fits each set best."""

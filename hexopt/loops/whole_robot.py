@@ -23,6 +23,7 @@ from .fixed_leg import FixedLeg
 from .fixed_length import FixedLength
 from .implicit import Implicit, Place
 from .known import chosen_unknown
+from .leg_length import hidden_from_all
 from .legs import leg_parameters, leg_values
 from .parts import share_a_pose
 from .robot_set import RobotSet
@@ -111,8 +112,18 @@ class WholeRobot(Implicit):
 
     @property
     def minimum_poses(self) -> int:
-        """7 unlocked poses for Model 42; locked sets need fewer, and more sets."""
-        return sum(size for name, size in LEG_BLOCKS.items() if name in self.unknown)
+        """7 unlocked poses for Model 42; 0 where the locks of the sets decide."""
+        free = all(data.lock is Lock.NONE for data in self.sets)
+        return sum(size for name, size in LEG_BLOCKS.items() if name in self.unknown) * free
+
+    @property
+    def blind_spots(self) -> tuple[str, ...]:
+        """What no set sees of a leg, by its number: as a rule, offset against gain of one that was never free."""
+        found = []
+        for k in self.nominal:
+            loops = [equation.legs[k] for equation in self.equations if k in equation.legs]
+            found += [f"leg{k}.{words}" for words in hidden_from_all(loops)]
+        return tuple(found)
 
     def values(self, x: npt.ArrayLike | Hexapod | Leg | Estimate) -> Array:
         """A full vector of values (..., p) from values, a robot or an estimate.

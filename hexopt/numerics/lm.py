@@ -13,7 +13,7 @@ from .charts import Chart
 from .factor import factored, solved
 from .lstsq import solve
 
-__all__ = ["LMResult", "levenberg_marquardt", "row_size"]
+__all__ = ["LMResult", "levenberg_marquardt"]
 
 #: Values (k, p) to residuals (k, m) and Jacobians (k, m, p or q).
 Evaluate = Callable[[Array], tuple[Array, Array]]
@@ -57,7 +57,6 @@ def levenberg_marquardt(
     chart: Chart | None = None,
     absolute: float = 0.0,
     damping: float = 1e-3,
-    polish: bool = True,
     chosen: Callable[[Index], Evaluate] | None = None,
 ) -> LMResult:
     r"""Minimise :math:`\tfrac12\lVert r(x)\rVert^2` for a batch of problems.
@@ -75,8 +74,6 @@ def levenberg_marquardt(
         share of a standard error, of others a share of what they measure.
     damping : float, default 1e-3
         To begin with, relative to the squared column lengths; less where the start is near the end.
-    polish : bool, default True
-        Whether an undamped step ends each converged member.
     chosen : callable, optional
         Members (an index array) to the `evaluate` of these alone, so that what has ended costs nothing.
 
@@ -114,8 +111,7 @@ def levenberg_marquardt(
     if ended:
         last = _State.joined(ended)
         converged[last.index] = True
-        if polish:
-            x[last.index] = _polished(chart, last, np.concatenate(most))
+        x[last.index] = _polished(chart, last, np.concatenate(most))
     return LMResult(x, converged, iterations)
 
 
@@ -189,11 +185,6 @@ def _column_lengths(jacobian: Array) -> Array:
     lengths = np.sqrt(np.einsum("mqk,mqk->qk", jacobian, jacobian))
     lengths[~(lengths > 0)] = 1.0
     return lengths
-
-
-def row_size(chart: Chart, x: Array, jacobian: Array) -> Array:
-    """The size of values (k, p) as rows (k, m, q) see it; a unit vector counts as 1, not as its coordinates across."""
-    return _row_size(chart, x, np.moveaxis(jacobian, 0, -1))
 
 
 def _row_size(chart: Chart, x: Array, jacobian: Array) -> Array:

@@ -97,12 +97,14 @@ def test_common_errors(left_hand):
     common = np.diag([1e-4] * 3 + [1e-8] * 3 + [1e-4] * 6)
     noise = hx.NormalNoise(0.01, 1e-4, 0.01, common_covariance=common)
     loop = PlatformPose(simulated(left_hand, noise=noise))
-    columns, by_noise = loop.common_columns(left_hand), loop.noise_jacobian(left_hand)
+    by_noise = loop.noise_jacobian(left_hand)
+    ((source, columns),) = loop.shared(left_hand, by_noise)
+    assert source is None
     np.testing.assert_allclose(
         columns @ np.swapaxes(columns, -1, -2), by_noise @ common @ np.swapaxes(by_noise, -1, -2), atol=1e-12
     )
     plain = PlatformPose(simulated(left_hand))
-    assert plain.common_columns(left_hand).shape == (4, 6, 0)
+    assert plain.shared(left_hand, by_noise) == []
 
 
 def test_a_batch_equals_its_members(left_hand):
