@@ -18,8 +18,8 @@ from ..numerics.lstsq import LstsqSolution, solve
 __all__ = ["Likelihood", "Stationary"]
 
 #: How often measurements are moved at most, so that the equations hold; each time gains about three digits.
-ADJUSTMENTS = 10
-#: Where Levenberg–Marquardt hands over to Gauss–Newton: steps and moves of measurements below this, in σ.
+ADJUSTMENTS = 20
+#: Where Levenberg–Marquardt hands over to Gauss–Newton, and how much measurements may still move at its end, in σ.
 NEAR = 1e-4
 #: Where that ends: in σ, and relative to what rounding of the values does to the rows.
 SETTLED, ROUNDING = 1e-7, 1e-12
@@ -82,7 +82,7 @@ class Likelihood:
             return end
         self.errors.clear()
         unknowns, converged, iterations = self._descended(
-            self._with_shared(start), self._near_rows, max_iterations, NEAR
+            self._with_shared(start), self._settled_rows, max_iterations, NEAR
         )
         second = self._finished(unknowns, converged, max_iterations)
         return _merged(end, replace(second, iterations=second.iterations + iterations), lost)
@@ -117,8 +117,8 @@ class Likelihood:
         chart = Chart(values.shape[-1], self.chart.units)
         return self.target.stacked(rows, values, chart, shared_places(rows))
 
-    def _near_rows(self, unknowns: Array) -> tuple[Array, Array]:
-        """Whitened rows, (..., M) and (..., M, q), at measurements that nearly agree with the unknowns."""
+    def _settled_rows(self, unknowns: Array) -> tuple[Array, Array]:
+        """Whitened rows, (..., M) and (..., M, q), at measurements that agree with the unknowns."""
         misclosure, jacobian, *_ = self._rows(unknowns, ADJUSTMENTS)
         return misclosure, jacobian
 
@@ -130,7 +130,7 @@ class Likelihood:
         for k, ((part, place), shared) in enumerate(zip(self.target.parts, self.shared.of_sets, strict=True)):
             common = errors[..., shared] if len(shared) else None
             before = self.errors.get(k)
-            rows.append(part.whitened(values[..., place], common, before, adjust=adjust, settled=NEAR))
+            rows.append(part.whitened(values[..., place], common, before, adjust=adjust))
             away = rows[k].error if before is None else rows[k].error - before
             moved = moved | (np.abs(away) > NEAR * part.error_scale).any(axis=(-2, -1))
             self.errors[k] = rows[k].error

@@ -19,7 +19,7 @@ from .known import square_root
 
 __all__ = ["SetEquation"]
 
-#: See :meth:`SetEquation.whitened`.
+#: Moved measurements have settled when none moves by more, in standard deviations.
 SETTLED = 1e-9
 
 
@@ -93,7 +93,6 @@ class SetEquation(Implicit):
         error: Array | None = None,
         *,
         adjust: int = 0,
-        settled: float = SETTLED,
     ) -> WhitenedRows:
         r"""Rows of unit variance at `x`: :math:`W_i g_i` and :math:`W_i G_i`, where :math:`W_i S_i W_i^T = I`.
 
@@ -105,16 +104,14 @@ class SetEquation(Implicit):
         error : ndarray, shape (..., n, e), optional
             By how much the measurements are moved first.
         adjust : int, default 0
-            How often at most to move them by the least errors that make the equations hold,
+            How often at most to move them by the least errors that make the equations hold, until these settle,
             :math:`e_i = -\Sigma_i B_i^T S_i^{-1}(g_i - B_i e_i)`. Then half the sum of squares is the least
             :math:`\tfrac12\sum e_i^T\Sigma_i^{-1}e_i` under :math:`g_i(x, m_i + e_i) = 0`, and the Jacobian times the
             rows is its derivative by x.
-        settled : float, default 1e-9
-            They have settled when none moves by more, in standard deviations.
         """
         here = self if error is None else self.shifted(error)
         rows, after = here._whitened(x, common, self.error_covariance, error)
-        small = settled * self.error_scale
+        small = SETTLED * self.error_scale
         for _ in range(adjust):
             if error is not None and not (np.abs(after - error) > small).any():
                 break
