@@ -29,6 +29,13 @@ CHAINS = [
     ("--lock none --poses 20 --offset-error 0.3cm", "--method free --model 48", 48),
 ]
 
+#: By maximum likelihood, which needs a noise.
+JOINT = [
+    ("--lock direction --offset-error 0.3cm", "--method joint", 42),
+    ("--lock leg --lock length --offset-error 0.3cm", "--method joint", 42),
+    ("--lock direction --lock none", "--method joint --model 48", 48),
+]
+
 
 @pytest.mark.parametrize(("simulated", "method", "model"), CHAINS)
 @pytest.mark.parametrize("robot", ["left-hand", "jugglebot"])
@@ -43,7 +50,7 @@ def test_without_noise_the_truth_is_found(done, robot, simulated, method, model)
     assert abs(found - truth).max() < 1e-9
 
 
-@pytest.mark.parametrize(("simulated", "method", "model"), CHAINS)
+@pytest.mark.parametrize(("simulated", "method", "model"), CHAINS + JOINT)
 @pytest.mark.parametrize("kind", ["uniform", "normal"])
 @pytest.mark.parametrize("weighted", ["", "--weighted"])
 def test_with_noise_the_truth_is_within_the_standard_errors(done, simulated, method, model, kind, weighted):
@@ -147,3 +154,12 @@ def test_real_measurements_by_one_command(done, real_data, flags, rms):
     calibrated = hx.Hexapod.from_toml("found.toml")
     assert (calibrated.length_unit, calibrated.reading_unit) == ("mm", "rev")
     assert (calibrated.offsets != hx.Hexapod.from_toml(robot).offsets).all()
+
+
+def test_a_likelihood_needs_a_noise_and_has_no_form(done, hexopt):
+    done("simulate --robot left-hand --lock direction --poses 8 --out run.csv")
+    command = "calibrate left-hand run.csv --method joint --length-unit cm"
+    for more, message in (("", "--position-noise"), (f"{NOISE} --form direct", "--form: --method joint")):
+        answer = hexopt(f"{command} {more}")
+        assert answer.code == 2
+        assert message in answer.err
