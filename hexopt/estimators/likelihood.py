@@ -23,6 +23,8 @@ ADJUSTMENTS = 20
 NEAR = 1e-4
 #: Where that ends: in σ, and relative to what rounding of the values does to the rows.
 SETTLED, ROUNDING = 1e-7, 1e-12
+#: And never looser than this: values that ran away settle nowhere.
+LOOSEST = 1e-3
 #: By how much the next step is taken to be shorter at most.
 SHRINKING = 1e-2
 #: Steps that Gauss–Newton has.
@@ -142,7 +144,7 @@ class Likelihood:
         return norm(lengths * np.where(self.chart.turning, 1.0, self.chart.coordinates(unknowns)))
 
     def _finished(self, unknowns: Array, moving: BoolArray, max_iterations: int) -> Stationary:
-        """Gauss–Newton in the values and the measurements at once, until neither moves by a ten-millionth of σ.
+        """Gauss–Newton in the values and the measurements at once, until they settle.
 
         Steps shrink by a nearly constant factor; a problem has settled where the next one would be as small.
         """
@@ -160,7 +162,8 @@ class Likelihood:
             step = np.where(active[..., None], local.values, 0.0)
             size = norm(matvec(jacobian, step))
             shrinking = np.minimum(np.divide(size, before, out=np.ones(size.shape), where=before > 0), 1.0)
-            tolerance = np.maximum(SETTLED, ROUNDING * self._row_size(unknowns, jacobian))
+            rounding = ROUNDING * self._row_size(unknowns, jacobian)
+            tolerance = np.clip(rounding, SETTLED, LOOSEST)
             unknowns, before = self.chart.moved(unknowns, step), size
             iterations += active
             settled = settled | (active & ~moved & (size * np.maximum(shrinking, SHRINKING) <= tolerance))

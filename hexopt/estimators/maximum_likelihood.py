@@ -10,7 +10,6 @@ import numpy as np
 from ..arrays import Array, BoolArray, transpose
 from ..errors import InputError
 from ..geometry import Hexapod, Leg
-from ..loops import Loop
 from ..loops.implicit import Implicit, WhitenedRows, check_errors, degrees_of_freedom, shared_places
 from ..numerics.charts import Chart
 from ..numerics.lstsq import solve
@@ -112,7 +111,7 @@ def _estimate(problem: Likelihood, end: Stationary, started: BoolArray, unseen: 
         unseen = unseen or target.combinations(end.jacobian[worst], basis[worst])
     codes = np.where(end.settled, Status.OPTIMAL, Status.NOT_CONVERGED)
     codes = np.where(started & seen & (not target.blind_spots), codes, Status.RANK_DEFICIENT).astype(np.int8)
-    gain = basis @ end.local.inverse
+    gain = np.where((codes == Status.OPTIMAL)[..., None, None], basis @ end.local.inverse, np.nan)
     objective = 0.5 * np.einsum("...m,...m->...", end.misclosure, end.misclosure)
     return Estimate(
         values=np.where((codes == Status.OPTIMAL)[..., None], end.unknowns[..., :size], np.nan),
@@ -139,8 +138,7 @@ def _start(target: Implicit, given: Leg | Hexapod | None, chart: Chart) -> tuple
 
 def _start_values(target: Implicit, given: Leg | Hexapod | None, chart: Chart) -> tuple[Array, tuple[str, ...]]:
     if given is not None:
-        own = given.leg(target.data.leg) if isinstance(target, Loop) and isinstance(given, Hexapod) else given
-        return target.values(own), ()
+        return target.values(given), ()
     if not target.is_linear:
         return target.start(), ()
     problem = target.linear()

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ..arrays import frozen
 from ..errors import InputError
-from ..geometry import Leg
+from ..geometry import Hexapod, Leg
 from ..numerics.forms import Centred, Consecutive, Direct, Form, cancellation
 from ..problem import ConstantRowNoise, LinearProblem
 from ..result import Estimate
@@ -53,7 +53,7 @@ class Loop(LegEquation):
         """Whether the equation is linear in its unknowns, so that :meth:`linear` and a start without a guess exist."""
         return any(set(self.unknown) <= names for names in self.linear_in)
 
-    def linear(self, form: str = "direct", at: npt.ArrayLike | Leg | Estimate | None = None) -> LinearProblem:
+    def linear(self, form: str = "direct", at: npt.ArrayLike | Leg | Hexapod | Estimate | None = None) -> LinearProblem:
         r"""The equations as :math:`A x = y` in one of three forms.
 
         Parameters
@@ -61,7 +61,7 @@ class Loop(LegEquation):
         form : {"direct", "consecutive", "centred"}
             "direct" keeps the nuisance as unknowns, one block row a pose; "consecutive" takes the
             paper's differences of neighbours; "centred" subtracts the mean over poses.
-        at : values, Leg or Estimate, optional
+        at : values, Leg, Hexapod or Estimate, optional
             Where the covariance of the rows is evaluated for weights; by default at the unweighted
             solution, so that neither a guess nor the truth leaks in.
 
@@ -113,7 +113,7 @@ class Loop(LegEquation):
             uncarried=self.uncarried,
         )
 
-    def linearised(self, x: npt.ArrayLike | Leg | Estimate) -> LinearProblem:
+    def linearised(self, x: npt.ArrayLike | Leg | Hexapod | Estimate) -> LinearProblem:
         """The direct rows to first order about x, in the unknown *change* of x; any unknowns are allowed."""
         values = self.values(x)
         residual, jacobian = self.residual(values), self.jacobian(values)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ..arrays import Array, matvec
 from ..errors import InputError, LockError, UnitError
-from ..geometry import Leg
+from ..geometry import Hexapod, Leg
 from ..geometry.leg import LEG_BLOCKS
 from ..measurements import LegMeasurements, Lock
 from ..parameters import Block, Parameters
@@ -120,14 +120,15 @@ class LegEquation(SetEquation):
         """Leading dimensions: () for one set."""
         return self.data.batch_shape
 
-    def values(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
-        """A full vector of values (..., p) from values, a :class:`Leg` or an :class:`Estimate`.
+    def values(self, x: npt.ArrayLike | Leg | Hexapod | Estimate) -> Array:
+        """A full vector of values (..., p) from values, a :class:`Leg`, its robot or an :class:`Estimate`.
 
         What `x` does not say of the nuisance is filled in with what fits the data best.
         """
-        if isinstance(x, Leg) and x.length_unit != self.data.length_unit:
-            raise UnitError(f"the measurements are in {self.data.length_unit}, the leg in {x.length_unit}")
+        if isinstance(x, Hexapod):
+            x = x.leg(self.data.leg)
         if isinstance(x, Leg):
+            self._check_leg(x)
             parts = {name: x.block(name) for name in self.unknown}
         elif isinstance(x, Estimate):
             parts = {name: value for name, value in x.params.items() if name in self.parameters}
@@ -153,6 +154,13 @@ class LegEquation(SetEquation):
         ordered = [np.broadcast_to(parts[name], (*shape, parts[name].shape[-1])) for name in self.parameters.names]
         return np.concatenate(ordered, axis=-1)
 
+    def _check_leg(self, leg: Leg) -> None:
+        if leg.length_unit != self.data.length_unit:
+            raise UnitError(f"the measurements are in {self.data.length_unit}, the leg in {leg.length_unit}")
+        measured = self.data.nominal
+        if measured is not None and leg.number != measured.number:
+            raise InputError(f"leg {measured.number} was measured, and leg {leg.number} is given")
+
     def start(self) -> Array:
         """The values of the data's nominal, with the nuisance that fits it best."""
         if self.data.nominal is None:
@@ -162,16 +170,16 @@ class LegEquation(SetEquation):
             )
         return self.values(self.data.nominal)
 
-    def _blocks(self, x: npt.ArrayLike | Leg | Estimate) -> dict[str, Array]:
+    def _blocks(self, x: npt.ArrayLike | Leg | Hexapod | Estimate) -> dict[str, Array]:
         return {**self._known, **self.parameters.split(self.values(x))}
 
     # --- the equation -----------------------------------------------------------------------------
 
-    def residual(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
+    def residual(self, x: npt.ArrayLike | Leg | Hexapod | Estimate) -> Array:
         r"""The direct misclosure :math:`g_i(x)`, shape (..., n, d)."""
         return self._misclosure(self._blocks(x))
 
-    def jacobian(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
+    def jacobian(self, x: npt.ArrayLike | Leg | Hexapod | Estimate) -> Array:
         r""":math:`G_i = \partial g_i/\partial x`, shape (..., n, d, p)."""
         return self._assembled(self._columns(self._blocks(x)), self.parameters)
 
@@ -184,11 +192,11 @@ class LegEquation(SetEquation):
             out[..., parameters[name]] = columns[name]
         return out
 
-    def noise_jacobian(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
+    def noise_jacobian(self, x: npt.ArrayLike | Leg | Hexapod | Estimate) -> Array:
         r""":math:`B_i = \partial g_i/\partial(\delta P, \delta\omega, \delta\rho)`, shape (..., n, d, 7)."""
         return self._noise_columns(self._blocks(x))
 
-    def known_jacobian(self, x: npt.ArrayLike | Leg | Estimate, name: str) -> Array:
+    def known_jacobian(self, x: npt.ArrayLike | Leg | Hexapod | Estimate, name: str) -> Array:
         r""":math:`\partial g_i/\partial k` by a *known* block k, shape (..., n, d, size)."""
         return self._columns(self._blocks(x))[name]
 
@@ -215,7 +223,9 @@ class LegEquation(SetEquation):
         shared = self.shared(values, jacobian)
         return own, [(source, np.broadcast_to(part, (*shape, *part.shape[-2:]))) for source, part in shared]
 
-    def shared(self, x: npt.ArrayLike | Leg | Estimate, by_noise: Array) -> list[tuple[Estimate | None, Array]]:
+    def shared(
+        self, x: npt.ArrayLike | Leg | Hexapod | Estimate, by_noise: Array
+    ) -> list[tuple[Estimate | None, Array]]:
         """How the rows move with a common error, and with the errors of the estimates that known values come from."""
         shared: list[tuple[Estimate | None, Array]] = super().shared(x, by_noise)
         columns = self._columns(self._blocks(x)) if self._sources else {}

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ..arrays import Array, norm
 from ..errors import RankDeficientError
-from ..geometry import Leg
+from ..geometry import Hexapod, Leg
 from ..measurements import Lock
 from ..problem import LinearProblem
 from ..result import Estimate
@@ -69,7 +69,7 @@ class LegLength(Loop):
         """A leg that keeps its direction says nothing of a across it, one that keeps its length gives one reading."""
         return hidden_by(self.data.lock, self.unknown)
 
-    def linear(self, form: str = "direct", at: npt.ArrayLike | Leg | Estimate | None = None) -> LinearProblem:
+    def linear(self, form: str = "direct", at: npt.ArrayLike | Leg | Hexapod | Estimate | None = None) -> LinearProblem:
         """As of any loop; a constant reading does not tell offset and gain apart: RankDeficientError."""
         if self.blind_spots:
             raise RankDeficientError(

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ..arrays import Array
 from ..errors import InputError
-from ..geometry import Leg
+from ..geometry import Hexapod, Leg
 from ..problem import LinearProblem
 from ..result import Estimate
 from .base import Loop
@@ -114,9 +114,9 @@ class Sets(Implicit):
         """What no set sees, nor all of them."""
         return hidden_from_all(self.loops)
 
-    def values(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
+    def values(self, x: npt.ArrayLike | Leg | Hexapod | Estimate) -> Array:
         """A full vector of values (..., p); what `x` does not say of the nuisances is what fits each set best."""
-        if isinstance(x, (Leg, Estimate)):
+        if isinstance(x, (Leg, Hexapod, Estimate)):
             own = [loop.values(x) for loop in self.loops]
         else:
             vector = np.asarray(x, dtype=float)
@@ -146,14 +146,14 @@ class Sets(Implicit):
             out[..., place] = values
         return out
 
-    def residual(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
+    def residual(self, x: npt.ArrayLike | Leg | Hexapod | Estimate) -> Array:
         """The direct misclosures of all sets, one below the other, shape (..., rows)."""
         values = self.values(x)
         rows = [loop.residual(values[..., place]) for loop, place in zip(self.loops, self._places, strict=True)]
         batch = np.broadcast_shapes(*(part.shape[:-2] for part in rows))
         return np.concatenate([np.broadcast_to(r, (*batch, *r.shape[-2:])).reshape(*batch, -1) for r in rows], axis=-1)
 
-    def jacobian(self, x: npt.ArrayLike | Leg | Estimate) -> Array:
+    def jacobian(self, x: npt.ArrayLike | Leg | Hexapod | Estimate) -> Array:
         """Their derivatives by all parameters, shape (..., rows, p)."""
         values = self.values(x)
         columns = [
