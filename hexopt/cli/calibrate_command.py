@@ -143,9 +143,11 @@ def _method(name: str, model: str | None, form: str | None) -> Method | Joint:
 
 def _estimator(method: str, weighted: bool, noise: Noise | None) -> Estimator:
     if method == "joint":
-        if noise is None:
+        if weighted:
+            raise InputError("--weighted: --method joint always weighs by the noise; leave it out")
+        if noise is None or not all(vars(noise).get(name, 1) for name in ("position", "angle", "length")):
             raise InputError(
-                "--method joint weighs by the noise: give --position-noise, --angle-noise and --length-noise"
+                "--method joint weighs by the noise: give --position-noise, --angle-noise and --length-noise, all > 0"
             )
         return MaximumLikelihood()
     if weighted and noise is None:

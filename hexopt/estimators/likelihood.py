@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, is_dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -62,19 +62,17 @@ class Stationary:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """A model as least squares in its values and the errors that its poses share.
-
-    The `errors` that the measurements of each set are moved by follow the values: each evaluation begins where
-    the one before it ended.
-    """
+    """A model as least squares in its values and the errors that its poses share."""
 
     target: Implicit
     chart: Chart
     shared: SharedPlaces
-    errors: dict[int, Array] = field(default_factory=dict)
 
     def maximum(self, start: Array, max_iterations: int, *, near: bool) -> Stationary:
-        """The stationary point found from `start`; unless it is `near`, by way of unweighted least squares."""
+        """The stationary point found from `start`; unless it is `near`, by way of unweighted least squares.
+
+        Where that does not settle, Levenberg–Marquardt goes down the likelihood itself.
+        """
         started = np.asarray(np.isfinite(start).all(axis=-1))
         values, _, before = (start, None, 0) if near else self._descended(start, self._raw_rows, max_iterations, 0.0)
         end = self._finished(self._with_shared(values), started, max_iterations)
@@ -82,12 +80,17 @@ class Likelihood:
         lost = np.asarray(started & end.finite & end.local.full_rank & ~end.settled)
         if not lost.any():
             return end
-        self.errors.clear()
+        if lost.ndim == 0:
+            return self._by_likelihood(start, max_iterations)
+        some = replace(self, target=self.target.take(np.nonzero(lost), lost.shape))
+        return _merged(end, some._by_likelihood(start[lost], max_iterations), lost)
+
+    def _by_likelihood(self, start: Array, max_iterations: int) -> Stationary:
         unknowns, converged, iterations = self._descended(
             self._with_shared(start), self._settled_rows, max_iterations, NEAR
         )
-        second = self._finished(unknowns, converged, max_iterations)
-        return _merged(end, replace(second, iterations=second.iterations + iterations), lost)
+        end = self._finished(unknowns, converged, max_iterations)
+        return replace(end, iterations=end.iterations + iterations)
 
     def _with_shared(self, values: Array) -> Array:
         """Values, and common errors of zero."""
@@ -121,22 +124,26 @@ class Likelihood:
 
     def _settled_rows(self, unknowns: Array) -> tuple[Array, Array]:
         """Whitened rows, (..., M) and (..., M, q), at measurements that agree with the unknowns."""
-        misclosure, jacobian, *_ = self._rows(unknowns, ADJUSTMENTS)
-        return misclosure, jacobian
+        return self.target.stacked(self._rows(unknowns, adjust=ADJUSTMENTS), unknowns, self.chart, self.shared)
 
-    def _rows(self, unknowns: Array, adjust: int = 0) -> tuple[Array, Array, list[WhitenedRows], BoolArray]:
-        """Whitened misclosures (..., M), their Jacobian (..., M, q), the rows by set, and where measurements moved."""
-        rows = []
-        values, errors = np.split(unknowns, [self.target.parameters.size], axis=-1)
-        moved: Any = np.zeros(unknowns.shape[:-1], dtype=bool)
-        for k, ((part, place), shared) in enumerate(zip(self.target.parts, self.shared.of_sets, strict=True)):
-            common = errors[..., shared] if len(shared) else None
-            before = self.errors.get(k)
-            rows.append(part.whitened(values[..., place], common, before, adjust=adjust))
-            away = rows[k].error if before is None else rows[k].error - before
+    def _rows(
+        self, unknowns: Array, errors: Sequence[Array | None] | None = None, adjust: int = 0
+    ) -> list[WhitenedRows]:
+        """The whitened rows of every set at measurements moved by errors, or not at all."""
+        values, common = np.split(unknowns, [self.target.parameters.size], axis=-1)
+        errors = [None] * len(self.shared.of_sets) if errors is None else errors
+        return [
+            part.whitened(values[..., place], common[..., shared] if len(shared) else None, error, adjust=adjust)
+            for (part, place), shared, error in zip(self.target.parts, self.shared.of_sets, errors, strict=True)
+        ]
+
+    def _moved(self, rows: Sequence[WhitenedRows], errors: Sequence[Array] | None) -> BoolArray:
+        """Of which problems some measurement moves on from its error."""
+        moved: Any = False
+        for k, (part, _) in enumerate(self.target.parts):
+            away = rows[k].error if errors is None else rows[k].error - errors[k]
             moved = moved | (np.abs(away) > NEAR * part.error_scale).any(axis=(-2, -1))
-            self.errors[k] = rows[k].error
-        return *self.target.stacked(rows, unknowns, self.chart, self.shared), rows, np.asarray(moved)
+        return np.asarray(moved)
 
     def _row_size(self, unknowns: Array, jacobian: Array) -> Array:
         """The size of the values as the rows see it, shape (...)."""
@@ -151,8 +158,11 @@ class Likelihood:
         settled = np.zeros(unknowns.shape[:-1], dtype=bool)
         iterations = np.zeros(unknowns.shape[:-1], dtype=np.int64)
         before: Array = np.full(unknowns.shape[:-1], np.inf)
+        errors: list[Array] | None = None
         for _ in range(min(FINISHING, max_iterations)):
-            misclosure, jacobian, rows, moved = self._rows(unknowns)
+            rows = self._rows(unknowns, errors)
+            moved, errors = self._moved(rows, errors), [part.error for part in rows]
+            misclosure, jacobian = self.target.stacked(rows, unknowns, self.chart, self.shared)
             finite = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)) & np.isfinite(misclosure).all(axis=-1))
             if not finite.all():
                 misclosure = np.where(finite[..., None], misclosure, 0.0)
@@ -174,12 +184,13 @@ class Likelihood:
 
 
 def _merged(kept: Stationary, new: Stationary, where: BoolArray) -> Stationary:
-    """`new` at the members `where`, `kept` elsewhere."""
+    """`kept`, with the flat batch `new` at the members `where`."""
 
     def merged(old: Any, fresh: Any) -> Any:
-        if isinstance(fresh, (np.ndarray, np.generic)):
-            fresh = np.asarray(fresh)
-            return np.where(where.reshape(where.shape + (1,) * (fresh.ndim - where.ndim)), fresh, old)
+        if isinstance(fresh, np.ndarray):
+            out = np.array(np.broadcast_to(old, (*where.shape, *fresh.shape[1:])))
+            out[where] = fresh
+            return out
         if isinstance(fresh, list):
             return [merged(one, two) for one, two in zip(old, fresh, strict=True)]
         if not is_dataclass(fresh):

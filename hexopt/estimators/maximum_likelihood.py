@@ -139,12 +139,13 @@ def _start(target: Implicit, given: Leg | Hexapod | None, chart: Chart) -> tuple
 def _start_values(target: Implicit, given: Leg | Hexapod | None, chart: Chart) -> tuple[Array, tuple[str, ...]]:
     if given is not None:
         return target.values(given), ()
-    if not target.is_linear:
+    if not target.is_linear or target.blind_spots:
         return target.start(), ()
     problem = target.linear()
     if len(chart.units) == 1:
         found = UnitNormLeastSquares(target.unit_vectors[0]).fit(problem)
-        return found.values, found.unseen
+        if found.ok if found.values.ndim == 1 else found.ok.all():
+            return found.values, ()
     solution = solve(problem.matrix, problem.rhs, inverse=False)
     values = np.where(solution.full_rank[..., None], solution.values, np.nan)
     return values, unseen_combinations(problem, solution)

@@ -12,6 +12,7 @@ from ..arrays import Array
 from ..measurements import LegMeasurements, Lock
 from ..rotations.checks import turning_columns
 from .base import Loop
+from .implicit import Members, picked
 
 __all__ = ["FixedLength"]
 
@@ -55,6 +56,12 @@ class FixedLength(Loop):
     nuisance: ClassVar[Mapping[str, int]] = {"sphere": 1}
     nuisance_unit = "{unit}²"
     rows = 1
+
+    def take(self, which: Members, batch: tuple[int, ...]) -> Self:
+        """The same equation, about the same origins, of some members of a batch."""
+        taken = super().take(which, batch)
+        vars(taken)["origin"] = picked(self.origin, 1, batch, which)
+        return taken
 
     @property
     def minimum_poses(self) -> int:

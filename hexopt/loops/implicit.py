@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -24,17 +24,29 @@ from ..problem import LinearProblem
 
 __all__ = [
     "Implicit",
+    "Members",
     "Place",
     "Rows",
     "SharedPlaces",
     "WhitenedRows",
     "check_errors",
     "degrees_of_freedom",
+    "picked",
     "shared_places",
 ]
 
 #: Places of a set's parameters among those of a model.
 Place = npt.NDArray[np.intp]
+
+
+#: Members of a batch: as many index arrays as it has dimensions.
+Members = tuple[npt.NDArray[np.intp], ...]
+
+
+def picked(array: Any, core: int, batch: tuple[int, ...], which: Members) -> Any:
+    """The members of an array whose last `core` dimensions are no batch, and whose others broadcast to it."""
+    whole = np.asarray(array)
+    return np.broadcast_to(whole, (*batch, *whole.shape[whole.ndim - core :]))[which]
 
 
 @dataclass(frozen=True)
@@ -94,6 +106,10 @@ class Implicit(ABC):
     @abstractmethod
     def parts(self) -> Sequence[tuple[Any, Place]]:
         """The sets, each a :class:`~hexopt.loops.set_equation.SetEquation`, and where their parameters stand."""
+
+    @abstractmethod
+    def take(self, which: Members, batch: tuple[int, ...]) -> Self:
+        """The same model of some members of a batch that its own broadcasts to, as one flat batch."""
 
     @abstractmethod
     def values(self, x: Any) -> Array:

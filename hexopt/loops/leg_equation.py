@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from ..measurements import LegMeasurements, Lock
 from ..parameters import Block, Parameters
 from ..problem import RowCovariance
 from ..result import Estimate
+from .implicit import Members, picked
 from .known import Known, KnownValues, check_estimate_unit, chosen_unknown, known_values
 from .set_equation import SetEquation
 
@@ -117,8 +118,15 @@ class LegEquation(SetEquation):
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
-        """Leading dimensions: () for one set."""
-        return self.data.batch_shape
+        """Leading dimensions, of the data and of known values: () for one set."""
+        return np.broadcast_shapes(self.data.batch_shape, *(value.shape[:-1] for value in self._known.values()))
+
+    def take(self, which: Members, batch: tuple[int, ...]) -> Self:
+        """The same equation of some members of a batch, as one flat batch."""
+        taken = super().take(which, batch)
+        taken._known = {name: picked(value, 1, batch, which) for name, value in self._known.items()}
+        taken._known_roots = {name: picked(root, 2, batch, which) for name, root in self._known_roots.items()}
+        return taken
 
     def values(self, x: npt.ArrayLike | Leg | Hexapod | Estimate) -> Array:
         """A full vector of values (..., p) from values, a :class:`Leg`, its robot or an :class:`Estimate`.
@@ -155,6 +163,7 @@ class LegEquation(SetEquation):
         return np.concatenate(ordered, axis=-1)
 
     def _check_leg(self, leg: Leg) -> None:
+        """That a leg is in the unit of the measurements, and the measured one if both have numbers."""
         if leg.length_unit != self.data.length_unit:
             raise UnitError(f"the measurements are in {self.data.length_unit}, the leg in {leg.length_unit}")
         measured = self.data.nominal

@@ -18,7 +18,7 @@ from .base import Loop
 from .fixed_direction import FixedDirection
 from .fixed_leg import FixedLeg
 from .fixed_length import FixedLength
-from .implicit import Place
+from .implicit import Members, Place
 from .leg_length import LegLength
 from .legs import leg_parameters
 from .read_lock import ReadLeg, ReadLength
@@ -51,6 +51,7 @@ class RobotSet(SetEquation):
         Lends what is not unknown, and a start.
     """
 
+    title = "WholeRobot"
     minimum_poses = 1  # what one set lacks, others may bring
 
     def __init__(self, data: Measurements | LegMeasurements, unknown: Sequence[str], known: Mapping[int, Leg]) -> None:
@@ -127,6 +128,12 @@ class RobotSet(SetEquation):
         ends = np.cumsum([loop.rows for loop in self.legs.values()]).tolist()
         rows = [slice(end - loop.rows, end) for end, loop in zip(ends, self.legs.values(), strict=True)]
         return list(zip(self.legs.values(), self.places, rows, strict=True))
+
+    def take(self, which: Members, batch: tuple[int, ...]) -> Self:
+        """The same equations of some members of a batch."""
+        taken = super().take(which, batch)
+        taken.legs = {k: loop.take(which, batch) for k, loop in self.legs.items()}
+        return taken
 
     def on(self, data: Measurements | LegMeasurements) -> Self:
         """The same equations of other values of the measurements."""

@@ -14,7 +14,7 @@ from ..arrays import Array, matvec, transpose
 from ..errors import InputError
 from ..numerics.roots import inverse_cholesky
 from ..rotations import rotation_vector_jacobian
-from .implicit import Implicit, Place, WhitenedRows
+from .implicit import Implicit, Members, Place, WhitenedRows, picked
 from .known import square_root
 
 __all__ = ["SetEquation"]
@@ -27,6 +27,8 @@ class SetEquation(Implicit):
     """The implicit equation of one set of poses."""
 
     data: Any
+    #: What errors call it.
+    title: str = ""
     #: Readings of a pose: its error has 6 numbers more.
     n_readings: int = 1
 
@@ -58,7 +60,9 @@ class SetEquation(Implicit):
         """
         noise = self.data.noise
         if noise is None:
-            raise InputError(f"{type(self).__name__}: the measurements have no noise model; give them noise=…")
+            raise InputError(
+                f"{self.title or type(self).__name__}: the measurements have no noise model; give them noise=…"
+            )
         covariance: Array = noise.covariance(self.data.position, self.data.rotation, self.n_readings)
         return covariance
 
@@ -81,6 +85,22 @@ class SetEquation(Implicit):
         moved = copy.copy(self)
         moved.data = data
         return moved
+
+    def take(self, which: Members, batch: tuple[int, ...]) -> Self:
+        """The same equation of some members of a batch, as one flat batch."""
+        data = self.data
+        length = (
+            None
+            if data.length is None
+            else picked(data.length, data.length.ndim - data.position.ndim + 2, batch, which)
+        )
+        taken = self.on(
+            data.moved_to(picked(data.position, 2, batch, which), picked(data.rotation, 3, batch, which), length)
+        )
+        vars(taken)["error_covariance"] = picked(self.error_covariance, 3, batch, which)
+        vars(taken)["error_scale"] = picked(self.error_scale, 2, batch, which)
+        taken.failed = picked(self.failed, 0, batch, which)
+        return taken
 
     def shifted(self, error: Array) -> Self:
         """The same equation at measurements moved by errors (..., n, e)."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +15,7 @@ from ..geometry import Hexapod, Leg
 from ..problem import LinearProblem
 from ..result import Estimate
 from .base import Loop
-from .implicit import Implicit, Place
+from .implicit import Implicit, Members, Place, picked
 from .joining import join
 from .leg_length import hidden_from_all
 from .parts import Part, check_alike, joined_names, joined_parameters, places_of
@@ -85,6 +87,13 @@ class Sets(Implicit):
     def batch_shape(self) -> tuple[int, ...]:
         """Leading dimensions: () for one problem."""
         return np.broadcast_shapes(*(loop.batch_shape for loop in self.loops))
+
+    def take(self, which: Members, batch: tuple[int, ...]) -> Self:
+        """The same loops of some members of a batch."""
+        taken = copy.copy(self)
+        taken.loops = tuple(loop.take(which, batch) for loop in self.loops)
+        taken.failed = picked(self.failed, 0, batch, which)
+        return taken
 
     @property
     def parts(self) -> Sequence[tuple[SetEquation, Place]]:

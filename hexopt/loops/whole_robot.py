@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +23,7 @@ from .base import Loop
 from .fixed_direction import FixedDirection
 from .fixed_leg import FixedLeg
 from .fixed_length import FixedLength
-from .implicit import Implicit, Place
+from .implicit import Implicit, Members, Place
 from .known import chosen_unknown
 from .leg_length import hidden_from_all
 from .legs import leg_parameters, leg_values
@@ -103,7 +105,14 @@ class WholeRobot(Implicit):
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """Leading dimensions, broadcast over the sets: () for one robot."""
-        return np.broadcast_shapes(*(data.batch_shape for data in self.sets))
+        return np.broadcast_shapes(*(equation.batch_shape for equation in self.equations))
+
+    def take(self, which: Members, batch: tuple[int, ...]) -> Self:
+        """The same sets of some members of a batch."""
+        taken = copy.copy(self)
+        taken.equations = tuple(equation.take(which, batch) for equation in self.equations)
+        taken.sets = tuple(equation.data for equation in taken.equations)
+        return taken
 
     @property
     def parts(self) -> Sequence[tuple[SetEquation, Place]]:
@@ -147,21 +156,26 @@ class WholeRobot(Implicit):
         return out
 
     def start(self) -> Array:
-        """The linear solution of every leg that has a locked set for it; else the nominal.
+        """The linear solutions of legs that have locked sets for it, where the data agree better; else the nominal.
 
         Of a leg with a DIRECTION set a and b need no guess; with a LEG set b, and with a LENGTH set a by that b.
         """
-        size = self.parameters.main.size
-        out = np.zeros((*self.batch_shape, size))
+        known = np.zeros((*self.batch_shape, self.parameters.main.size))
         for name in self.parameters.main.names:
             prefix, _, block = name.rpartition(".")
-            out[..., self.parameters[name]] = self.nominal[int(prefix.removeprefix("leg"))].block(block)
+            known[..., self.parameters[name]] = self.nominal[int(prefix.removeprefix("leg"))].block(block)
+        linear = known.copy()
         for lock, kind in ((Lock.DIRECTION, FixedDirection), (Lock.LEG, FixedLeg), (Lock.LENGTH, FixedLength)):
             for equation in self.equations:
                 for number, loop in equation.legs.items():
                     if loop.data.lock is lock:
-                        self._take(out, number, kind, loop.data)
-        return self._filled(out)
+                        self._take(linear, number, kind, loop.data)
+        one, two = self._filled(known), self._filled(linear)
+        return np.where((self._misfit(two) <= self._misfit(one))[..., None], two, one)
+
+    def _misfit(self, values: Array) -> Array:
+        """The sum of squares of all misclosures, shape (...)."""
+        return np.asarray(sum(np.square(rows).sum(axis=(-2, -1)) for rows in self.residual(values)))
 
     def _take(self, out: Array, number: int, kind: type[Loop], data: LegMeasurements) -> None:
         """Put the linear solution of one leg's set among the values, where the set determines it."""

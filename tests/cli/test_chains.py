@@ -50,13 +50,15 @@ def test_without_noise_the_truth_is_found(done, robot, simulated, method, model)
     assert abs(found - truth).max() < 1e-9
 
 
-@pytest.mark.parametrize(("simulated", "method", "model"), CHAINS + JOINT)
+@pytest.mark.parametrize(
+    ("simulated", "method", "model"),
+    [(simulated, method + more, model) for simulated, method, model in CHAINS for more in ("", " --weighted")] + JOINT,
+)
 @pytest.mark.parametrize("kind", ["uniform", "normal"])
-@pytest.mark.parametrize("weighted", ["", "--weighted"])
-def test_with_noise_the_truth_is_within_the_standard_errors(done, simulated, method, model, kind, weighted):
+def test_with_noise_the_truth_is_within_the_standard_errors(done, simulated, method, model, kind):
     noise = f"{NOISE} --noise-kind {kind} --noise-angles rotation_vector"
     done(f"simulate --robot left-hand {simulated} --poses 15 {noise} --nominal-error 0.4cm --seed 5 --out run.csv")
-    out = done(f"calibrate run.nominal.toml run.csv {method} {weighted} {noise} --length-unit cm --out found.toml")
+    out = done(f"calibrate run.nominal.toml run.csv {method} {noise} --length-unit cm --out found.toml")
     errors = np.array([float(line.split()[4]) for line in out.splitlines() if line.endswith("  cm")])
     difference = parameters("found.toml", names_of(model)) - parameters("run.truth.toml", names_of(model))
     if model == 48:  # gains are in cm/cm
@@ -159,7 +161,12 @@ def test_real_measurements_by_one_command(done, real_data, flags, rms):
 def test_a_likelihood_needs_a_noise_and_has_no_form(done, hexopt):
     done("simulate --robot left-hand --lock direction --poses 8 --out run.csv")
     command = "calibrate left-hand run.csv --method joint --length-unit cm"
-    for more, message in (("", "--position-noise"), (f"{NOISE} --form direct", "--form: --method joint")):
+    for more, message in (
+        ("", "--position-noise"),
+        ("--position-noise 0.001cm --angle-noise 0.001deg", "--length-noise, all > 0"),
+        (f"{NOISE} --form direct", "--form: --method joint"),
+        (f"{NOISE} --weighted", "--weighted: --method joint"),
+    ):
         answer = hexopt(f"{command} {more}")
         assert answer.code == 2
         assert message in answer.err

@@ -149,3 +149,19 @@ def test_a_failed_member_has_no_objective():
         found = hx.estimate(problem, hx.ConvexEstimator(backend="cvxpy"))
     assert np.isnan(found.objective).all()
     assert np.isnan(found.gap).all()
+
+
+@pytest.mark.parametrize("n_poses", [1, 2])
+def test_a_lasso_on_some_blocks_does_not_replace_poses(left_hand, n_poses):
+    """Fewer rows than unknowns, of which the lasso decides three."""
+    noise = hx.NormalNoise(0.01, 1e-4, 0.01)
+    data = hx.simulate_leg(left_hand, 3, "direction", n_poses, noise=noise, rng=1)
+    problem = hx.loops.FixedDirection(data).linear()
+    prior = hx.Lasso({"base_point": left_hand.leg(3).base_point}, 1.0)
+    found = hx.estimate(problem, hx.ConvexEstimator(prior=prior, weights="model"), throw=False)
+    if n_poses == 1:
+        assert found.status is hx.Status.RANK_DEFICIENT
+        assert found.unseen
+    else:  # with a decided there are enough
+        assert found.status is hx.Status.OPTIMAL
+        assert found.decided

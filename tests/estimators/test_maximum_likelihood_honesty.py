@@ -102,3 +102,51 @@ def test_wampler_is_maximum_likelihood_of_unlocked_poses(left_hand):
     np.testing.assert_array_equal(found.values, same.values)
     with pytest.raises(InputError, match=r"WamplerImplicit\(\)"):
         hx.estimate(hx.loops.FixedDirection(leg_set(left_hand, "direction", 9, 1)), hx.WamplerImplicit())
+
+
+def test_a_linear_start_made_of_noise_does_not_beat_a_good_nominal(left_hand):
+    """A set called DIRECTION in which the length hardly moved, beside 30 unlocked poses."""
+    nominal = left_hand.perturbed(0.1, offsets=0.05, rng=0)
+    free = hx.simulate(left_hand, n_poses=30, n_sets=5, noise=NOISE, nominal=nominal, rng=3)
+    still = replace(leg_set(left_hand, "leg", 12, 5, 5), lock="direction", nominal=nominal.leg(3))
+    found = hx.estimate(WholeRobot(still, free, nominal=nominal), ML)
+    assert found.ok.all()
+    assert (found.chi2 < 1.5 * found.degrees_of_freedom).all()
+
+
+def test_several_known_values_for_one_set(left_hand):
+    leg, data = left_hand.leg(3), leg_set(left_hand, "length", 12, 2)
+    known = leg.platform_point + 0.01 * np.random.default_rng(0).normal(size=(4, 3))
+    together = hx.estimate(FixedLength(data, platform_point=known), ML)
+    assert together.values.shape == (4, 4)
+    for b, values in zip(known, together.values, strict=True):
+        np.testing.assert_allclose(hx.estimate(FixedLength(data, platform_point=b), ML).values, values, rtol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(6,), (2, 3)])
+@pytest.mark.parametrize("known", [False, True])
+def test_members_of_a_batch_are_the_same_alone(left_hand, shape, known):
+    """What an equation of some members says is what the whole says of them."""
+    data = leg_set(left_hand, "length", 9, 2, 6)
+    data = data[np.arange(6).reshape(shape)]
+    b = hx.estimate(
+        FixedLeg(leg_set(left_hand, "leg", 6, 1, 6)[np.arange(6).reshape(shape)]).linear(), hx.LeastSquares()
+    )
+    one = FixedLength(data, platform_point=b) if known else FixedLength(data)
+    two = ReadLength(leg_set(left_hand, "length", 8, 5))  # the same for all
+    robot = WholeRobot(data, hx.simulate(left_hand, n_poses=9, noise=NOISE, rng=1))
+    which = tuple(np.array(index) for index in ([1, 4],) if len(shape) == 1) or (np.array([0, 1]), np.array([1, 1]))
+    for model in (one, Sets(one, two), robot, PlatformPose(hx.simulate(left_hand, n_poses=9, noise=NOISE, rng=1))):
+        values = np.broadcast_to(model.values(left_hand), (*model.batch_shape, model.parameters.size))
+        some = model.take(which, shape)
+        assert some.batch_shape == (2,)
+        picked = np.broadcast_to(values, (*shape, values.shape[-1]))[which]
+        for (whole, place), (part, _) in zip(model.parts, some.parts, strict=True):
+            expected = whole.whitened(values[..., place], adjust=5)
+            found = part.whitened(picked[..., place], adjust=5)
+            for name in ("misclosure", "jacobian", "error"):
+                full = getattr(expected, name)
+                core = getattr(found, name).shape[1:]
+                np.testing.assert_allclose(
+                    getattr(found, name), np.broadcast_to(full, (*shape, *core))[which], rtol=1e-9, atol=1e-9
+                )

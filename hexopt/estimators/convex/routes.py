@@ -191,7 +191,7 @@ def judged(programme: Programme, solution: Solution, condition: Array) -> Answer
     values = solution.values[again]
     basis, _, _ = _orthonormal(programme.take(again).about(values))  # residuals are those of the values themselves
     rows = None if solution.rows is None else tuple(part[again] for part in solution.rows)
-    at = Solution(np.zeros(values.shape), solution.converged[again], 0 * solution.iterations[again], rows)
+    at = Solution(np.zeros((len(again), basis.size)), solution.converged[again], 0 * solution.iterations[again], rows)
     second = replace(_certified(basis, at), values=values)
     return _merged(replace(answer, proven=answer.proven & ~ill), second, again)
 
@@ -242,9 +242,13 @@ def _proven(programme: Programme, values: Array, objective: Array, certificate: 
 
 
 def _orthonormal(programme: Programme) -> tuple[Programme, Array, Array]:
-    """A free programme in a basis in which its stacked rows are orthonormal, the way there and back, (B, p, p)."""
+    """A free programme in a basis in which its stacked rows are orthonormal, the way there and back, (B, p, p).
+
+    Of fewer rows than unknowns the last columns are zero.
+    """
     stacked = np.concatenate([term.matrix for term in programme.terms], axis=-2)
     u, s, vt = np.linalg.svd(stacked, full_matrices=False)
+    u = np.concatenate([u, np.zeros((*u.shape[:-1], programme.size - u.shape[-1]))], axis=-1)
     ends = np.cumsum([term.matrix.shape[-2] for term in programme.terms])[:-1]
     parts = np.split(u, ends, axis=-2)
     terms = tuple(replace(term, matrix=part) for term, part in zip(programme.terms, parts, strict=True))
