@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import Array
 from ..result import Estimate, Estimator, estimate
 
-__all__ = ["Names", "arrays_of", "main_values", "raised"]
+__all__ = ["Names", "arrays_of", "main_errors", "main_values", "raised"]
 
 
 class Names(Mapping[str, Any]):
@@ -36,8 +36,15 @@ class Names(Mapping[str, Any]):
 
 
 def main_values(found: Estimate) -> dict[str, Array]:
-    """The values that are no nuisance, by name."""
-    return {name: found.params[name] for name in found.parameters.main.names}
+    """The values that are no nuisance, by the leg's own names: the suite measures one leg."""
+    return {name.rpartition(".")[2]: found.params[name] for name in found.parameters.main.names}
+
+
+def main_errors(found: Estimate) -> dict[str, float]:
+    """The largest standard error of each of them."""
+    names = {name.rpartition(".")[2]: name for name in found.parameters.main.names}
+    squares = {name: np.diagonal(found.covariance_of(full), axis1=-2, axis2=-1) for name, full in names.items()}
+    return {name: float(np.sqrt(square).max()) for name, square in squares.items()}
 
 
 def raised(

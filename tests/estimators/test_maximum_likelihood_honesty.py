@@ -8,6 +8,7 @@ import pytest
 import hexopt as hx
 from hexopt.errors import InputError, RankDeficientError
 from hexopt.loops import FixedLeg, FixedLength, LegLength, PlatformPose, ReadLeg, ReadLength, Sets, WholeRobot
+from hexopt.testing import check_estimator
 
 ML = hx.MaximumLikelihood()
 NOISE = hx.NormalNoise(0.01, 1e-4, 0.01)
@@ -150,3 +151,15 @@ def test_members_of_a_batch_are_the_same_alone(left_hand, shape, known):
                 np.testing.assert_allclose(
                     getattr(found, name), np.broadcast_to(full, (*shape, *core))[which], rtol=1e-9, atol=1e-9
                 )
+
+
+@pytest.mark.parametrize("lock", ["direction", "none"])
+def test_the_contract_holds_through_a_whole_robot(lock):
+    unknown = ("platform_point", "base_point") if lock == "direction" else ("platform_point", "base_point", "offset")
+    check_estimator(
+        ML,
+        lambda data: WholeRobot(data, unknown=unknown),
+        lock=lock,
+        n_poses=12,
+        claims=("exact", "order", "frame", "rank"),
+    )
