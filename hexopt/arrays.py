@@ -11,7 +11,18 @@ import numpy.typing as npt
 
 from .errors import InputError
 
-__all__ = ["Array", "BoolArray", "as_array", "as_generator", "brief", "frozen", "matvec", "norm", "transpose"]
+__all__ = [
+    "Array",
+    "BoolArray",
+    "as_array",
+    "as_count",
+    "as_generator",
+    "brief",
+    "frozen",
+    "matvec",
+    "norm",
+    "transpose",
+]
 
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -78,6 +89,13 @@ def as_array(
     if own and array.flags.writeable and isinstance(value, np.ndarray) and np.may_share_memory(array, value):
         array = array.copy()
     return frozen(array)
+
+
+def as_count(name: str, value: object) -> int:
+    """`value` as a whole number of at least 1, or an :class:`InputError`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise InputError(f"{name}: expected a whole number >= 1, got {brief(value)}")
+    return int(value)
 
 
 def brief(value: object) -> str:

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .arrays import Array, BoolArray, norm
-from .errors import EstimationError, InputError, RankDeficientError, UnitError
+from .errors import InputError, UnitError
 from .geometry import LENGTH_UNITS, Hexapod, Leg
 from .geometry.leg import LEG_BLOCKS
 from .parameters import Parameters
-from .summaries import summary_of
+from .summaries import failure_of, summary_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,6 +32,9 @@ class Status(IntEnum):
     NOT_CONVERGED = 3
     INFEASIBLE = 4
     FAILED = 5
+
+
+_NAMES = {status.value: status.name for status in Status}
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +220,7 @@ class Estimate:
 
     def summary(self) -> str:
         """A readable report: values, units, standard errors, fit and certificate."""
-        return summary_of(self, {status.value: status.name for status in Status})
+        return summary_of(self, _NAMES)
 
 
 class Estimator(Protocol):
@@ -282,19 +285,5 @@ def estimate(target: Any, estimator: Estimator, throw: bool | None = None) -> Es
     if throw is None:
         throw = not result.batch_shape
     if throw and not np.all(result.ok):
-        _raise(result)
+        raise failure_of(result, _NAMES)
     return result
-
-
-def _raise(result: Estimate) -> None:
-    bad = np.ravel(result.codes)[np.ravel(result.codes) != Status.OPTIMAL]
-    share = f" in {bad.size} of {result.codes.size} problems" if result.batch_shape else ""
-    worst = Status(int(bad[0]))
-    who = result.estimator.partition("(")[0]
-    if worst is Status.RANK_DEFICIENT:
-        raise RankDeficientError(
-            f"{who}: the measurements{share} do not determine all parameters; unseen: "
-            f"{'; '.join(result.unseen)}. Add poses that differ, or give these values as known",
-            result.unseen,
-        )
-    raise EstimationError(f"{who}: ended with status {worst.name}{share}; no value can be trusted")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .arrays import Array, BoolArray, as_generator, frozen
+from .arrays import Array, BoolArray, as_count, as_generator, frozen
 from .errors import InputError
 from .geometry import Hexapod, Leg, PoseRanges
 from .geometry.leg import check_leg_number
@@ -16,12 +16,6 @@ from .noise import Noise
 from .poses import limit_ranges, sample_poses
 
 __all__ = ["simulate", "simulate_leg"]
-
-
-def _check_count(name: str, value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-        raise InputError(f"{name}: expected a whole number >= 1, got {value!r}")
-    return int(value)
 
 
 def _check_robot(robot: object) -> None:
@@ -98,7 +92,7 @@ def simulate_leg(
     _check_robot(robot)
     true_leg = robot.leg(leg)
     generator = as_generator(rng)
-    shape = (1 if n_sets is None else _check_count("n_sets", n_sets), _check_count("n_poses", n_poses))
+    shape = (1 if n_sets is None else as_count("n_sets", n_sets), as_count("n_poses", n_poses))
     position, rotation, length = sample_poses(
         robot, leg, Lock.of(lock), shape, ranges or robot.ranges, generator, all_legs=all_legs, accept=accept
     )
@@ -161,8 +155,8 @@ def simulate(
     _check_robot(robot)
     kind = Lock.of(lock)
     generator = as_generator(rng)
-    n_built = _check_count("n_sets", 1 if n_sets is None else n_sets)
-    shape = (n_built, _check_count("n_poses", n_poses))
+    n_built = as_count("n_sets", 1 if n_sets is None else n_sets)
+    shape = (n_built, as_count("n_poses", n_poses))
     locked = None if kind is Lock.NONE and leg is None else check_leg_number(leg)
     # unlocked poses are built from one leg, drawn once a call; that all legs reach them is checked afterwards
     built_from = locked if locked is not None else int(generator.integers(1, 7))

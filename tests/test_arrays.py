@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis.extra import numpy as hnp
 
-from hexopt.arrays import as_array, as_generator, matvec, norm, transpose
+from hexopt.arrays import as_array, as_count, as_generator, matvec, norm, transpose
 from hexopt.errors import InputError
 
 
@@ -98,6 +98,13 @@ def test_the_same_seed_gives_the_same_stream():
 def test_what_is_no_seed_is_an_error(bad):
     with pytest.raises(InputError, match=r"^rng: "):
         as_generator(bad)
+
+
+def test_a_count_is_a_whole_number():
+    assert as_count("n", np.int64(3)) == 3
+    for bad in (0, -1, 2.5, "a", True, None, np.nan):
+        with pytest.raises(InputError, match=r"n: expected a whole number >= 1, got "):
+            as_count("n", bad)
 
 
 def test_small_linear_algebra_is_numpys():

@@ -1,6 +1,7 @@
 """Estimates: names, statuses, views, reports; and `estimate`, which has no switch."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -146,6 +147,25 @@ class TestThrow:
         with pytest.raises(EstimationError, match="NOT_CONVERGED"):
             hx.estimate(hx.loops.LegLength(data), slow)
         assert hx.estimate(hx.loops.LegLength(data), slow, throw=False).status is hx.Status.NOT_CONVERGED
+
+    @pytest.mark.parametrize(
+        ("status", "remedy"),
+        [
+            (hx.Status.INACCURATE, "more or other poses"),
+            (hx.Status.NOT_CONVERGED, "give more iterations or another start"),
+            (hx.Status.INFEASIBLE, "loosen the constraints"),
+            (hx.Status.FAILED, "another estimator"),
+        ],
+    )
+    def test_every_failure_says_what_to_do(self, found, status, remedy):
+        class Fails:
+            accepts, hint = (object,), ""
+
+            def fit(self, target):
+                return replace(found, codes=np.where(np.arange(found.codes.size) == 1, status, found.codes))
+
+        with pytest.raises(EstimationError, match=f"{status.name} in 1 of {found.codes.size} problems; .*{remedy}"):
+            hx.estimate(None, Fails(), throw=True)
 
     def test_a_wrong_call_always_raises(self, left_hand):
         data = hx.simulate_leg(left_hand, 3, "direction", 2, 5, rng=0)

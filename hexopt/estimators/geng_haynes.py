@@ -70,7 +70,7 @@ class GengHaynes:
 
     def fit(self, target: LegLength) -> Estimate:
         """Fit every set of the batch; one that does not settle, or is not determined, fails alone."""
-        first = first_guess(self, self.start, target.data, target.parameters, target.data.batch_shape)
+        first = first_guess(self, self.start, target, target.parameters, target.data.batch_shape)
         check_rows(target.linearised(first))
         found = self._relinearised(target, first)
         problem = target.linearised(np.where(found.converged[..., None], found.values, first))

@@ -131,7 +131,7 @@ class Innocenti:
             values=np.where(good[..., None], values, np.nan),
             parameters=problem.parameters,
             codes=codes,
-            objective=0.5 * np.einsum("...m,...m->...", problem.rhs, problem.rhs),
+            objective=np.where(good, 0.5 * np.einsum("...m,...m->...", problem.rhs, problem.rhs), np.nan),
             gap=np.full(codes.shape, np.nan),
             condition=np.where(blind, np.inf, local.condition),
             estimator=f"{problem.name} by {self!r}",

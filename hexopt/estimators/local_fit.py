@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import Array, BoolArray
-from ..errors import InputError, UnitError
+from ..arrays import Array, BoolArray, as_count
+from ..errors import InputError
 from ..geometry import Leg
-from ..measurements import LegMeasurements
+from ..loops import Loop
+from ..numerics.forms import cancellation
 from ..numerics.lm import LMResult, levenberg_marquardt
 from ..numerics.lstsq import solve_svd
 from ..parameters import Parameters
@@ -26,19 +27,17 @@ def check_settings(start: Leg | None, max_iterations: int) -> None:
     """The settings that every iteration from a leg has."""
     if start is not None and not isinstance(start, Leg):
         raise InputError(f"start: expected a Leg, got {type(start).__name__}")
-    if max_iterations < 1:
-        raise InputError(f"max_iterations: expected at least 1, got {max_iterations}")
+    as_count("max_iterations", max_iterations)
 
 
 def first_guess(
-    estimator: object, start: Leg | None, data: LegMeasurements, parameters: Parameters, batch: tuple[int, ...]
+    estimator: object, start: Leg | None, loop: Loop, parameters: Parameters, batch: tuple[int, ...]
 ) -> Array:
-    """The values (..., p) of a leg's blocks that an iteration starts at: of `start`, or of the data's nominal."""
-    leg = start or data.nominal
+    """The values (..., p) of a leg's blocks that an iteration starts at: of `start`, or of the loop's nominal."""
+    leg = start or loop.data.nominal
     if leg is None:
         raise InputError(f"{type(estimator).__name__} needs an initial guess: give start=Leg(…) or data with a nominal")
-    if leg.length_unit != data.length_unit:
-        raise UnitError(f"the measurements are in {data.length_unit}, the leg in {leg.length_unit}")
+    loop._check_leg(leg)
     blocks = [leg.block(name) for name in parameters.names]
     return np.concatenate([np.broadcast_to(block, (*batch, block.shape[-1])) for block in blocks], axis=-1)
 
@@ -62,6 +61,15 @@ class AgainstFirst:
         """Rows minus those of the first pose."""
         parts = self._sets(rows, -3, self.counts)
         return np.concatenate([part[..., 1:, :, :] - part[..., :1, :, :] for part in parts], axis=-3)
+
+    def differences(self, residual: Array, jacobian: Array) -> tuple[Array, Array, Array]:
+        """Residual (..., m), matrix (..., m, p) and what the differences lost of its columns (..., p).
+
+        Of the residual (..., n, d) and the Jacobian (..., n, d, p) of all poses.
+        """
+        matrix, rhs = self.apply(jacobian), self.apply(residual[..., None])
+        flat = (*matrix.shape[:-3], matrix.shape[-3] * matrix.shape[-2])
+        return rhs.reshape(flat), matrix.reshape(*flat, matrix.shape[-1]), cancellation(self, jacobian, matrix)
 
     def adjoint(self, rows: Array) -> Array:
         """The transpose of :meth:`apply`."""
@@ -121,15 +129,18 @@ def local_estimate(
     local = solve_svd(problem.matrix, problem.rhs, problem.worst_cancellation)
     codes = np.where(converged, Status.OPTIMAL, Status.NOT_CONVERGED)
     codes = np.where(local.full_rank & (not blind), codes, Status.RANK_DEFICIENT).astype(np.int8)
+    good = codes == Status.OPTIMAL
+    unseen = blind or unseen_combinations(problem, local)
+    local = replace(local, inverse=np.where(good[..., None, None], local.inverse, np.nan))
     return Estimate(
-        values=np.where((codes == Status.OPTIMAL)[..., None], values, np.nan),
+        values=np.where(good[..., None], values, np.nan),
         parameters=problem.parameters,
         codes=codes,
-        objective=0.5 * np.einsum("...m,...m->...", problem.rhs, problem.rhs),
+        objective=np.where(good, 0.5 * np.einsum("...m,...m->...", problem.rhs, problem.rhs), np.nan),
         gap=np.full(codes.shape, np.nan),
         condition=local.condition,
         iterations=iterations,
         estimator=f"{problem.name} by {estimator!r}",
-        unseen=blind or unseen_combinations(problem, local),
+        unseen=unseen,
         **linear_uncertainty(problem, local, None, values),
     )

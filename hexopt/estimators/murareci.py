@@ -7,13 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..arrays import Array, matvec, norm, transpose
+from ..arrays import Array, BoolArray, matvec, norm, transpose
 from ..errors import InputError
 from ..geometry import Leg
 from ..loops import FixedDirection, Sets
 from ..loops.joined_noise import JoinedNoise
 from ..numerics.charts import across
-from ..numerics.forms import cancellation
 from ..problem import ConstantRowNoise, LinearProblem, RowCovariance
 from ..result import Estimate
 from .least_squares import check_rows
@@ -97,11 +96,14 @@ class Murareci:
                     f"Murareci finds both points and uses no reading, a set has the unknown {', '.join(loop.unknown)}: "
                     "leave out unknown=, and give offset= and gain= as known, whatever they are"
                 )
-        first = first_guess(self, self.start, sets.loops[0].data, main, sets.batch_shape)
+        first = first_guess(self, self.start, sets.loops[0], main, sets.batch_shape)
+        if min(loop.data.n_poses for loop in sets.loops) < 2:
+            raise InputError("Murareci compares the poses of a set: give every set two poses or more")
         angles = _Angles(sets, [_axes(vectors) for vectors in _vectors(sets, first)])
         check_rows(angles.linearised(first))
         found = minimise(lambda x: angles.changes(x)[:2], first, self.max_iterations)
         stayed = found.converged & (_longest(sets, found.values) <= FARTHEST * _longest(sets, first))
+        stayed &= angles.exist(found.values)
         problem = angles.linearised(np.where(stayed[..., None], found.values, first))
         return local_estimate(problem, found.values, stayed, found.iterations, self, _blind_spots(sets))
 
@@ -124,8 +126,14 @@ def _longest(sets: Sets, x: Array) -> Array:
 
 def _direction(vectors: Array) -> Array:
     """The mean direction of a set, (..., 3)."""
-    total = (vectors / norm(vectors)[..., None]).sum(axis=-2)
-    return total / norm(total)[..., None]
+    total = _unit(vectors).sum(axis=-2)
+    return np.where(norm(total)[..., None] > 0, _unit(total), (0.0, 0.0, 1.0))
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors of length 1, or 0."""
+    length = norm(vectors)[..., None]
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def _axes(vectors: Array) -> Array:
@@ -135,17 +143,16 @@ def _axes(vectors: Array) -> Array:
 
 
 def _angles(vectors: Array, axes: Array) -> tuple[Array, Array]:
-    """Both angles, (..., n, 2), and their derivatives by the leg vectors, (..., n, 2, 3)."""
+    """Both angles, (..., n, 2), and their derivatives by the leg vectors, (..., n, 2, 3); 0 where there are none."""
     x, y, z = np.moveaxis(matvec(axes, vectors), -1, 0)
     q = np.hypot(y, z)
     r2, zero = x * x + q * q, np.zeros_like(x)
-    with np.errstate(divide="ignore", invalid="ignore"):  # on the first axis there are no angles: no success
-        by_alpha = np.stack([zero, -z, y], axis=-1) / (q * q)[..., None]
-        by_beta = np.stack([q * q, -x * y, -x * z], axis=-1) / (q * r2)[..., None]
-    return (
-        np.stack([np.arctan2(-y, z), np.arctan2(x, q)], axis=-1),
-        np.stack([by_alpha, by_beta], axis=-2) @ axes,
-    )
+    by_alpha = np.stack([zero, -z, y], axis=-1), q * q
+    by_beta = np.stack([q * q, -x * y, -x * z], axis=-1), q * r2
+    derivatives = [
+        np.divide(up, by[..., None], out=np.zeros_like(up), where=by[..., None] > 0) for up, by in (by_alpha, by_beta)
+    ]
+    return np.stack([np.arctan2(-y, z), np.arctan2(x, q)], axis=-1), np.stack(derivatives, axis=-2) @ axes
 
 
 @dataclass(frozen=True)
@@ -158,6 +165,14 @@ class _Angles:
     @property
     def form(self) -> AgainstFirst:
         return AgainstFirst(tuple(loop.data.n_poses for loop in self.sets.loops))
+
+    def exist(self, x: Array) -> BoolArray:
+        """Whether no leg vector lies on the first axis, where there are no angles, shape (...)."""
+        found = [
+            (np.abs(matvec(axes, vectors)[..., 1:]) > 0).any(axis=-1).all(axis=-1)
+            for vectors, axes in zip(_vectors(self.sets, x), self.axes, strict=True)
+        ]
+        return np.all(found, axis=0)
 
     def direct(self, x: Array) -> tuple[Array, Array, Array]:
         """Angles (..., n, 2) in all poses, their derivatives by s (..., n, 2, 3) and by x (..., n, 2, 6)."""
@@ -173,10 +188,7 @@ class _Angles:
     def changes(self, x: Array) -> tuple[Array, Array, Array]:
         """Residual (..., m), matrix (..., m, 6), and what the differences lost of its columns (..., 6)."""
         angles, _, direct = self.direct(x)
-        matrix = self.form.apply(direct)
-        lost = cancellation(self.form, direct, matrix)
-        residual = self.form.apply(angles[..., None])
-        return residual.reshape(*x.shape[:-1], -1), matrix.reshape(*x.shape[:-1], -1, x.shape[-1]), lost
+        return self.form.differences(angles, direct)
 
     def linearised(self, x: Array) -> LinearProblem:
         """The rows to first order about x, in the unknown change of x."""
@@ -189,7 +201,7 @@ class _Angles:
             form=self.form,
             noise=None if self.sets.loops[0].data.noise is None else ConstantRowNoise(self._covariance(x)),
             cancellation=lost,
-            minimum_poses=6,
+            minimum_poses=3 + len(self.sets.loops),
             name=f"Sets of {len(self.sets.loops)} FixedDirection",
         )
 

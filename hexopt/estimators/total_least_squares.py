@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -75,7 +75,8 @@ class TotalLeastSquares:
     def __post_init__(self) -> None:
         if self.exact is None:
             return
-        if isinstance(self.exact, str) or not all(isinstance(name, str) for name in self.exact):
+        many = isinstance(self.exact, Collection) and not isinstance(self.exact, str)
+        if not many or not all(isinstance(name, str) for name in self.exact):
             raise InputError(f"exact: expected names of blocks such as ('base_point',), got {self.exact!r}")
         object.__setattr__(self, "exact", tuple(self.exact))
 
@@ -88,10 +89,16 @@ class TotalLeastSquares:
         solution, exists = _corrected(target, plain, noisy, least)
         codes = np.where(exists, Status.OPTIMAL, Status.FAILED)
         codes = np.where(plain.full_rank, codes, Status.RANK_DEFICIENT).astype(np.int8)
+        good = codes == Status.OPTIMAL
+        solution = replace(
+            solution,
+            values=np.where(good[..., None], solution.values, np.nan),
+            inverse=np.where(good[..., None, None], solution.inverse, np.nan),
+        )
         weight = 1 + np.einsum("...p,p->...", solution.values**2, noisy)
         objective = solution.objective / weight
         return Estimate(
-            values=np.where((codes == Status.OPTIMAL)[..., None], solution.values, np.nan),
+            values=solution.values,
             parameters=target.parameters,
             codes=codes,
             objective=objective,
@@ -113,8 +120,9 @@ class TotalLeastSquares:
 
 def _constant(problem: LinearProblem) -> list[str]:
     """The blocks whose columns are the same in every pose, but for zeros: no measured number is in them."""
-    size = problem.parameters.size
-    rows = problem.matrix.reshape(*problem.batch_shape, -1, problem.rows_per_block, size)
+    m, size = problem.matrix.shape[-2:]
+    each = problem.rows_per_block
+    rows = problem.matrix.reshape(*problem.batch_shape, m // each, each, size)
     found = []
     for name in problem.parameters.names:
         columns = rows[..., problem.parameters[name]]

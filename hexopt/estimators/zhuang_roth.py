@@ -11,7 +11,6 @@ from ..arrays import Array
 from ..errors import InputError
 from ..geometry import Leg
 from ..loops import FixedLength
-from ..numerics.forms import cancellation
 from ..problem import ConstantRowNoise, LinearProblem
 from ..result import Estimate
 from .least_squares import check_rows
@@ -73,7 +72,7 @@ class ZhuangRoth:
                 f"ZhuangRoth finds both points, the loop has the unknown {', '.join(target.unknown)}: {self.hint}"
             )
         main = target.parameters.main
-        first = first_guess(self, self.start, target.data, main, target.data.batch_shape)
+        first = first_guess(self, self.start, target, main, target.data.batch_shape)
         check_rows(self._linearised(target, first))
 
         found = minimise(lambda x: self._differences(target, x)[:2], first, self.max_iterations)
@@ -84,11 +83,9 @@ class ZhuangRoth:
     @staticmethod
     def _differences(loop: FixedLength, x: Array) -> tuple[Array, Array, Array]:
         """Residual (..., m), matrix (..., m, p), and what the differences lost of its columns (..., p)."""
-        form, full = AgainstFirst((loop.data.n_poses,)), _with_sphere(x)
-        direct = loop.jacobian(full)[..., : x.shape[-1]]
-        matrix = form.apply(direct)
-        residual = form.apply(loop.residual(full)[..., None])
-        return residual[..., 0, 0], matrix[..., 0, :], cancellation(form, direct, matrix)
+        full = _with_sphere(x)
+        form = AgainstFirst((loop.data.n_poses,))
+        return form.differences(loop.residual(full), loop.jacobian(full)[..., : x.shape[-1]])
 
     def _linearised(self, loop: FixedLength, x: Array) -> LinearProblem:
         """The rows to first order about x, in the unknown change of x."""

@@ -175,6 +175,7 @@ def pose_rows(problem: LinearProblem) -> tuple[Array, Array]:
     if covariance.common is not None:
         columns = covariance.common.reshape(*covariance.common.shape[:-3], rhs.shape[-1], -1)
         columns = np.broadcast_to(root.apply(columns), (*matrix.shape[:-1], columns.shape[-1]))
+        columns = np.where(np.isfinite(columns), columns, 0.0)  # of a known value that failed, whose rows are 0
         matrix = np.concatenate([matrix, columns], axis=-1)
     d = problem.rows_per_block
     n = rhs.shape[-1] // d

@@ -5,6 +5,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..errors import InputError, LockError, UnitError
 from ..loops import FixedLength, Loop
 from ..measurements import LegMeasurements
 
-__all__ = ["check_noise", "check_settings", "merged", "next_pose", "over"]
+__all__ = ["check_gate", "check_noise", "check_state", "merged", "next_pose", "over"]
 
 
 def over(loop: Loop, data: LegMeasurements) -> Loop:
@@ -25,6 +26,12 @@ def over(loop: Loop, data: LegMeasurements) -> Loop:
     if isinstance(loop, FixedLength) and isinstance(other, FixedLength):
         vars(other)["origin"] = loop.origin  # else the sphere of each pose would be another unknown
     return other
+
+
+def check_state(state: object, kind: type) -> None:
+    """A filter steps from a state of its own kind."""
+    if not isinstance(state, kind):
+        raise InputError(f"state: expected a {kind.__name__}, from start() or scan(); got {type(state).__name__}")
 
 
 def next_pose(loop: Loop, pose: LegMeasurements) -> Loop:
@@ -47,6 +54,8 @@ def next_pose(loop: Loop, pose: LegMeasurements) -> Loop:
         raise LockError(f"pose: the filter runs under the lock {str(loop.data.lock)!r}, not {str(pose.lock)!r}")
     if pose.length_unit != loop.data.length_unit:
         raise UnitError(f"pose: the filter runs in {loop.data.length_unit}, the pose is in {pose.length_unit}")
+    if pose.nominal is not None:
+        loop._check_leg(pose.nominal)
     check_noise(type(loop).__name__, pose.noise)
     return over(loop, pose)
 
@@ -75,9 +84,9 @@ def check_noise(name: str, noise: Any) -> None:
         raise InputError(f"{name}: a filter needs a noise model; give the measurements noise=UniformNoise(…), say")
 
 
-def check_settings(level: float, reject: bool) -> None:
+def check_gate(level: float, reject: bool) -> None:
     """The settings that both filters have."""
-    if not 0 < level < 1:
+    if not (isinstance(level, Real) and 0 < level < 1):
         raise InputError(f"level: expected a probability between 0 and 1, such as 0.999; got {level!r}")
     if not isinstance(reject, bool):
         raise InputError(f"reject: expected True or False, got {reject!r}; the threshold is level=")

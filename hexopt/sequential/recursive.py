@@ -16,10 +16,11 @@ from ..loops import Loop
 from ..measurements import LegMeasurements
 from ..numerics.forms import Direct
 from ..numerics.lstsq import null_combinations, solve
+from ..parameters import Parameters
 from ..problem import LinearProblem
 from ..result import Estimate, Status
 from .linear_run import FILTERS, Gate, empty_run, pose_rows, solved
-from .over import check_noise, check_settings, next_pose
+from .over import check_gate, check_noise, check_state, next_pose
 from .state import Moment, RunningState, chi2_quantile
 
 __all__ = ["Recursive", "RecursiveState"]
@@ -54,8 +55,9 @@ class Recursive:
     together until they determine the parameters with a condition number (of scaled columns) below 2000. Only then
     filterpy goes on, about that solution and in scaled variables. Until the rows have full rank the status is
     RANK_DEFICIENT, with what is unseen. Poses before that cannot be tested, and a bad one among them
-    spoils the tests of the others. The end differs from the batch by less than 1e-8 standard errors (Kalman filter)
-    or 1e-9 (square root), in 1000 sets of 4 to 20 poses.
+    spoils the tests of the others. A bad pose that counts leaves the status OPTIMAL, as in least squares: ask the
+    state's ``flagged`` and ``overconfident``. The end differs from the batch by less than 1e-8 standard errors
+    (Kalman filter) or 1e-9 (square root), in 1000 sets of 4 to 20 poses.
 
     *Weights.* :meth:`fit` takes :math:`S_i` at the unweighted solution of all poses, or at ``linear(at=…)``. For
     poses that arrive one by one, :meth:`start` takes ``at=`` too; without it a pose is weighed at the running
@@ -105,7 +107,7 @@ class Recursive:
     def __post_init__(self) -> None:
         if self.filter not in FILTERS:
             raise InputError(f"filter: expected {', '.join(map(repr, FILTERS))}; got {self.filter!r}")
-        check_settings(self.level, self.reject)
+        check_gate(self.level, self.reject)
 
     def fit(self, target: Loop | LinearProblem) -> Estimate:
         """The estimate after all poses; a member of a batch that fails, fails alone."""
@@ -141,6 +143,7 @@ class Recursive:
 
     def step(self, state: RecursiveState, pose: LegMeasurements) -> RecursiveState:
         """The state after one more pose, which is :class:`~hexopt.LegMeasurements` with n = 1 (of every set)."""
+        check_state(state, RecursiveState)
         loop = state.loop
         if loop is None:
             raise InputError(
@@ -148,7 +151,7 @@ class Recursive:
             )
         problem = next_pose(loop, pose).linear(form="direct")
         runs, waiting = self._stepped(state, problem)
-        moments = (*state.moments, _moment(runs, problem.parameters.size))
+        moments = (*state.moments, _moment(runs, problem.parameters))
         return replace(state, runs=runs, waiting=waiting, moments=moments)
 
     # --- pieces -----------------------------------------------------------------------------------
@@ -172,7 +175,7 @@ class Recursive:
             runs[place] = empty_run(problem.parameters.size)
         return RecursiveState(
             parameters=problem.parameters,
-            moments=(_moment(runs, problem.parameters.size),),
+            moments=(_moment(runs, problem.parameters),),
             pose_rows=problem.rows_per_block,
             level=self.level,
             reject=self.reject,
@@ -192,8 +195,8 @@ class Recursive:
         gate, runs, moments = self._gate(problem.rows_per_block), state.runs, state.moments
         for i in range(rhs.shape[-2]):
             runs = self._absorbed(runs, matrix[..., i, :, :], rhs[..., i, :], gate)
-            moments = (*moments, _moment(runs, problem.parameters.size)) if keep else moments
-        return replace(state, runs=runs, moments=moments if keep else (_moment(runs, problem.parameters.size),))
+            moments = (*moments, _moment(runs, problem.parameters)) if keep else moments
+        return replace(state, runs=runs, moments=moments if keep else (_moment(runs, problem.parameters),))
 
     def _absorbed(self, runs: Any, matrix: Array, rhs: Array, gate: Gate, where: BoolArray | None = None) -> Any:
         """The sets, or some of them, after the whitened rows of one pose, (..., d, p + r) and (..., d)."""
@@ -264,16 +267,21 @@ class RecursiveState(RunningState):
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(known, np.sqrt(values[..., -1] / np.maximum(values[..., 0], 0.0)), np.inf)
 
-    def _combinations(self) -> tuple[str, ...]:
-        blind = next((run for run in self.runs.flat if run.code is Status.RANK_DEFICIENT), None)
-        size = self.parameters.size
-        matrix = np.zeros((1, size)) if blind is None or not len(blind.rhs) else blind.matrix[:, :size]
-        unseen = null_combinations(matrix, np.ones(size), threshold=0.05, at_least=1)
-        return tuple(self.parameters.combination(vector, threshold=0.0) for vector in unseen)
+
+def _unseen(runs: Any, parameters: Parameters) -> tuple[str, ...]:
+    """The combinations that the first rank-deficient run does not see."""
+    blind = next((run for run in runs.flat if run.code is Status.RANK_DEFICIENT), None)
+    if blind is None:
+        return ()
+    size = parameters.size
+    matrix = blind.matrix[:, :size] if len(blind.rhs) else np.zeros((1, size))
+    unseen = null_combinations(matrix, np.ones(size), threshold=0.05, at_least=1)
+    return tuple(parameters.combination(vector, threshold=0.0) for vector in unseen)
 
 
-def _moment(runs: Any, size: int) -> Moment:
+def _moment(runs: Any, parameters: Parameters) -> Moment:
     """What the runs (...) know of their p parameters."""
+    size = parameters.size
 
     def gathered(values: Any, kind: Any, *shape: int) -> Any:
         return np.array(list(values), dtype=kind).reshape((*runs.shape, *shape))
@@ -286,4 +294,5 @@ def _moment(runs: Any, size: int) -> Moment:
         rows=gathered((run.rows for run in runs.flat), np.int64),
         nis=gathered((run.nis for run in runs.flat), float),
         flagged=gathered((run.flagged for run in runs.flat), bool),
+        unseen=_unseen(runs, parameters),
     )

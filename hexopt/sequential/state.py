@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,8 @@ class Moment:
     nis : ndarray, shape (...)
         Normalised innovation squared of the pose; NaN where it could not be tested.
     flagged : ndarray of bool, shape (...)
+    unseen : tuple of str
+        What the first rank-deficient set does not see.
     """
 
     values: Array
@@ -45,10 +47,12 @@ class Moment:
     rows: npt.NDArray[np.int64]
     nis: Array
     flagged: BoolArray
+    unseen: tuple[str, ...]
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            object.__setattr__(self, name, frozen(np.asarray(value)))
+            if name != "unseen":
+                object.__setattr__(self, name, frozen(np.asarray(value)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +110,21 @@ class RunningState:
 
     @property
     def history(self) -> Estimate:
-        """The estimates after every pose: values (..., n, p), covariance (..., n, p, p), and so on."""
+        """The estimates after every pose: values (..., n, p), covariance (..., n, p, p), and so on.
+
+        `unseen` is that after the first pose, and `degrees_of_freedom` that after the last; after every pose see
+        :attr:`freedom`.
+        """
         extra = {"values": 1, "covariance": 2}
-        parts = {name: self._of_poses(name, extra.get(name, 0)) for name in Moment.__dataclass_fields__}
-        return self._estimate(Moment(**parts))
+        names = [name for name in Moment.__dataclass_fields__ if name != "unseen"]
+        unseen = next((one.unseen for one in self.moments[1:] if one.unseen), ())
+        moment = Moment(**{name: self._of_poses(name, extra.get(name, 0)) for name in names}, unseen=unseen)
+        return replace(self._estimate(moment), degrees_of_freedom=self.estimate.degrees_of_freedom)
+
+    @property
+    def freedom(self) -> npt.NDArray[np.int64]:
+        """Degrees of freedom after every pose, (..., n): equations that count minus unknowns, or 0."""
+        return np.maximum(np.asarray(self._of_poses("rows")) - self._unknowns, 0)
 
     @property
     def nis(self) -> Array:
@@ -215,15 +230,16 @@ class RunningState:
             objective=0.5 * np.where(good, moment.chi2, np.nan),
             gap=np.full(good.shape, np.nan),
             condition=self._condition(covariance),
-            degrees_of_freedom=self._freedom(),
+            degrees_of_freedom=self._freedom(moment),
             chi2=np.where(good, moment.chi2, np.nan),
             estimator=self.label,
-            unseen=self._combinations() if (self.moments[-1].codes == Status.RANK_DEFICIENT).any() else (),
+            unseen=moment.unseen,
         )
 
-    def _freedom(self) -> int:
-        """Rows that count minus unknowns; where members of a batch rejected poses, the least of theirs."""
-        rows = self.moments[-1].rows
+    def _freedom(self, moment: Moment) -> int:
+        """Rows that count minus unknowns; of a batch that rejected poses the least, of its successes if any."""
+        good = moment.codes == Status.OPTIMAL
+        rows = moment.rows[good] if good.any() else moment.rows
         return int(rows.min()) - self._unknowns if rows.size else 0
 
     @property
@@ -232,10 +248,6 @@ class RunningState:
 
     def _condition(self, covariance: Array) -> Array:
         return np.full(covariance.shape[:-2], np.nan)
-
-    def _combinations(self) -> tuple[str, ...]:
-        """The combinations that the first rank-deficient member does not see."""
-        raise NotImplementedError
 
     def _of_poses(self, name: str, dimensions: int = 0) -> Any:
         """What every moment after the start has by a name, stacked before its own dimensions: (..., n) or so."""

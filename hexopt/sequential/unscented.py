@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import ClassVar
 
 import numpy as np
 
-from ..arrays import Array, matvec
+from ..arrays import Array, as_array, matvec
 from ..errors import InputError
 from ..estimators.least_squares import check_rows
 from ..loops import Loop
 from ..measurements import LegMeasurements
+from ..numerics.charts import Chart
 from ..priors import Prior
 from ..result import Estimate, Status
 from .first_fit import determined, first_fit
-from .over import check_noise, check_settings, merged, next_pose
+from .over import check_gate, check_noise, check_state, merged, next_pose
 from .state import chi2_quantile
 from .unscented_state import SigmaPoints, UnscentedState, unscented_state
 
@@ -99,9 +101,11 @@ class Unscented:
             raise InputError(f"prior: expected a GaussianPrior, got {self.prior!r}")
         if self.first is not None and not (isinstance(self.first, (int, np.integer)) and self.first >= 0):
             raise InputError(f"first: expected a number of poses >= 0, got {self.first!r}")
-        if not 0 < self.alpha <= 1:
+        if not (isinstance(self.alpha, Real) and 0 < self.alpha <= 1):
             raise InputError(f"alpha: expected a spread in (0, 1], got {self.alpha!r}")
-        check_settings(self.level, self.reject)
+        for name in ("beta", "kappa"):
+            as_array(name, getattr(self, name), (), batch=False)
+        check_gate(self.level, self.reject)
 
     def fit(self, target: Loop) -> Estimate:
         """The estimate after all poses; a member of a batch that fails, fails alone."""
@@ -131,17 +135,21 @@ class Unscented:
         kind = problem.uncarried or ("model" if self.prior is None else "posterior")
         label = f"{type(loop).__name__} by {self!r}"
         state = unscented_state(loop, kind=kind, label=label, level=self.level, reject=self.reject)
+        self._points(state.chart)  # settings that fit no chart of this size are a wrong call
         return (state if self.prior is None else self._fitted(state)).recorded()
 
     def step(self, state: UnscentedState, pose: LegMeasurements) -> UnscentedState:
         """The state after one more pose, which is :class:`~hexopt.LegMeasurements` with n = 1 (of every set)."""
+        check_state(state, UnscentedState)
         here = next_pose(state.loop, pose)
         if state.n_poses < self._first(state.loop):
             return self._fitted(replace(state, first=merged(state.first, here))).recorded()
-        points = SigmaPoints(state.chart.free, self.alpha, self.beta, self.kappa)
-        return state.updated(here, points, float(chi2_quantile(state.pose_rows, self.level)))
+        return state.updated(here, self._points(state.chart), float(chi2_quantile(state.pose_rows, self.level)))
 
     # --- pieces -----------------------------------------------------------------------------------
+
+    def _points(self, chart: Chart) -> SigmaPoints:
+        return SigmaPoints(chart.free, self.alpha, self.beta, self.kappa)
 
     def _first(self, loop: Loop) -> int:
         """How many poses are fitted together: enough to determine what the prior leaves open."""

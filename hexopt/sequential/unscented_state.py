@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import Array, BoolArray, norm, transpose
+from ..errors import InputError
 from ..loops import Loop
 from ..numerics.charts import Chart
 from ..result import Status
@@ -25,6 +26,10 @@ class SigmaPoints:
     alpha: float
     beta: float
     kappa: float
+
+    def __post_init__(self) -> None:
+        if self.kappa <= -self.size:
+            raise InputError(f"kappa: expected more than {-self.size}, of {self.size} unknowns; got {self.kappa!r}")
 
     def made(self) -> Any:
         """As filterpy has them."""
@@ -88,6 +93,7 @@ class UnscentedState(RunningState):
             rows=self.rows,
             nis=np.full(shape, np.nan) if nis is None else nis,
             flagged=np.zeros(shape, dtype=bool) if flagged is None else flagged,
+            unseen=self.unseen if (self.codes == Status.RANK_DEFICIENT).any() else (),
         )
         after = replace(self, moments=(*self.moments, now))
         running = self.codes == Status.OPTIMAL
@@ -146,9 +152,6 @@ class UnscentedState(RunningState):
     @property
     def _unknowns(self) -> int:
         return self.chart.free
-
-    def _combinations(self) -> tuple[str, ...]:
-        return self.unseen
 
 
 def unscented_state(loop: Loop, *, kind: str, label: str, level: float, reject: bool) -> UnscentedState:

@@ -54,11 +54,10 @@ def row_expressions(
     """g of every pose in symbolic blocks, the others as at `values`; at errors (7,) of the poses, by default none."""
     function = loop_function(loop)
     numbers, shape = pose_arguments(loop, values)
-    if len(shape) > 1:
-        raise InputError(f"expected one value of each known block, got a batch of {shape[:-1]}")
+    (n_poses,) = shape
     names = [name for name in function.name_in() if name != "error"]
     rows = []
-    for i in range(shape[0]):
+    for i in range(n_poses):
         inputs = [given[name] if name in given else ca.DM(numbers[name][i]) for name in names]
         rows.append(function(*inputs, ca.DM.zeros(7) if errors is None else errors[i]))
     return rows

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import Array
+from ..errors import InputError
 from ..geometry import Leg
 from ..loops import Loop
 from ..result import Estimate
@@ -48,6 +49,8 @@ def jacobian(loop: Loop, x: Values) -> Array:
 
 def known_jacobian(loop: Loop, x: Values, name: str) -> Array:
     r""":math:`\partial g_i/\partial k` by a known block k of the leg, shape (..., n, d, size)."""
+    if name not in block_sizes(loop):
+        raise InputError(f"name: expected {', '.join(map(repr, block_sizes(loop)))}; got {name!r}")
     return _evaluated(loop, x, [f"jac:misclosure:{name}"])
 
 
@@ -76,6 +79,8 @@ def pose_arguments(loop: Loop, x: Values) -> tuple[dict[str, Array], tuple[int, 
 def mapped(function: ca.Function, arguments: Sequence[Array]) -> list[Array]:
     """A function at K sets of arguments, (K, m) or (K, m, n) each; its outputs (K, rows, columns)."""
     count = len(arguments[0])
+    if count == 0:
+        return [np.empty((0, *function.size_out(k))) for k in range(function.n_out())]
     flat = [value.T if value.ndim == 2 else np.concatenate(list(value), axis=-1) for value in arguments]
     found = function.map(count).call([ca.DM(part) for part in flat])
     return [np.stack(np.split(part.full(), count, axis=-1)) for part in found]

@@ -76,7 +76,7 @@ def fit(
         raise InputError(f"fit: expected a loop of one leg, got {type(loop).__name__}; use maximum_likelihood")
     values = checked_start(loop, start)
     terms = Terms.of(loop, lower, upper, prior, unit_norm)
-    if huber is not None and not huber > 0:
+    if huber is not None and not as_array("huber", huber, (), batch=False) > 0:
         raise InputError(f"huber: expected a threshold > 0, got {huber!r}")
     x = ca.SX.sym("x", len(values))
     blocks = {name: x[loop.parameters[name]] for name in loop.parameters.names}

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, as_count
 
 __all__ = ["Optimum", "Programme", "minimise"]
 
@@ -105,7 +105,7 @@ def _options(max_iterations: int) -> dict[str, Any]:
         "error_on_fail": False,
         "ipopt.print_level": 0,
         "ipopt.sb": "yes",
-        "ipopt.max_iter": max_iterations,
+        "ipopt.max_iter": as_count("max_iterations", max_iterations),
         "ipopt.acceptable_iter": 0,  # an acceptable point is no success
         "ipopt.nlp_scaling_method": "none",  # the variables are scaled already
         "ipopt.bound_relax_factor": 0.0,

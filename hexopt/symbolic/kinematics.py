@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import Array, as_array, frozen
+from ..arrays import Array, as_array, as_count, frozen
 from ..geometry import Hexapod
 from ..geometry.leg import LEG_BLOCKS
 from ..rotations import check_rotation, rotation_vector_to_matrix
@@ -115,8 +115,8 @@ def forward_kinematics(
     given = [ca.DM(value) for value in geometry_arguments(robot).values()]
     closure, _ = pose_function().call([*given, ca.DM(start), ca.DM(turn), ca.DM(readings), error])
     equations = ca.Function("closure", [step], [closure / robot.size])
-    options: dict[str, Any] = {"error_on_fail": False, "show_eval_warnings": False, "max_iter": max_iterations}
-    options |= {"abstol": 1e-15, "abstolStep": 1e-15}
+    options: dict[str, Any] = {"error_on_fail": False, "show_eval_warnings": False}
+    options |= {"abstol": 1e-15, "abstolStep": 1e-15, "max_iter": as_count("max_iterations", max_iterations)}
     newton = ca.rootfinder("newton", "newton", equations, options)
     found = np.ravel(newton(ca.DM.zeros(6)).full())
     rest = float(np.abs(equations(found).full()).max())

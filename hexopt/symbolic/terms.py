@@ -87,9 +87,13 @@ class Terms:
         if (low > high).any():
             names = [target.parameters.labels[i] for i in np.flatnonzero(low > high)]
             raise InputError(f"lower is above upper for {', '.join(names)}")
+        if isinstance(unit_norm, str) or not isinstance(unit_norm, Sequence):
+            raise InputError(f"unit_norm: expected names of blocks such as ['direction'], got {unit_norm!r}")
         for name in unit_norm:
             target.parameters[name]  # an unknown name is an error
         if prior is not None:
+            if not isinstance(prior, (tuple, list)) or len(prior) != 2:
+                raise InputError(f"prior: expected a pair of mean and root, got {brief(prior)}")
             mean, root = prior
             prior = as_array("prior mean", mean, (p,), batch=False), as_array("prior root", root, ("q", p), batch=False)
         return cls(low, high, prior, tuple(unit_norm))
@@ -101,8 +105,12 @@ class Terms:
 
 def checked_start(target: Implicit, start: Start | None) -> Array:
     """The values (p,) to start from."""
+    if not isinstance(target, Implicit):
+        raise InputError(f"expected a loop, Sets, WholeRobot or PlatformPose, got {type(target).__name__}")
     if target.batch_shape:
         raise InputError(f"expected one problem, got a batch of {target.batch_shape}; take one set: data[i]")
+    if start is not None and not isinstance(start, (Leg, Hexapod, Estimate)):
+        start = as_array("start", start, ("p",), batch=False)
     values = target.start() if start is None else target.values(start)
     return as_array("start", values, (target.parameters.size,), batch=False)
 
@@ -121,7 +129,10 @@ def residual_unit(residual: Array, jacobian: Array, values: Array) -> float:
 def _limit(name: str, value: npt.ArrayLike | None, none: float, size: int) -> Array:
     if value is None:
         return np.full(size, none)
-    limit = np.asarray(value, dtype=float)
+    try:
+        limit = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        limit = np.full(0, none)
     if limit.shape != (size,) or np.isnan(limit).any() or (limit == -none).any():
         raise InputError(f"{name}: expected {size} values ({none} where there is no bound), got {brief(value)}")
     return limit

@@ -259,6 +259,10 @@ class TestWrongCalls:
         with pytest.raises(InputError, match="FixedLength"):
             hx.Innocenti().solutions(loop)
 
+    def test_a_nominal_of_another_leg(self, left_hand):
+        with pytest.raises(InputError, match="leg 3 was measured, and leg 5 is given"):
+            fitted(simulated(left_hand, 2), nominal=left_hand.leg(5))
+
     def test_no_nominal(self, left_hand):
         """The choice needs one; all solutions do not."""
         data = replace(simulated(left_hand, 2), nominal=None)

@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 
 import hexopt as hx
 from hexopt.errors import InputError, RankDeficientError
-from hexopt.estimators.murareci import _angles, _axes
+from hexopt.estimators.murareci import _Angles, _angles, _axes
 from hexopt.loops import FixedDirection, FixedLeg, Sets
 from hexopt.rotations import rotation_vector_to_matrix
 from hexopt.testing import check_estimator
@@ -186,8 +186,16 @@ class TestRank:
     def test_too_few_poses(self, left_hand):
         with pytest.raises(RankDeficientError, match="4 equations for 6 unknowns"):
             hx.estimate(loop_of(simulated(left_hand, 2)), hx.Murareci(), throw=False)
-        with pytest.raises(InputError, match="there is no equation"):
+        with pytest.raises(RankDeficientError, match="needs at least 5 poses"):
+            hx.estimate(loop_of(simulated(left_hand, 2)), hx.Murareci())
+        with pytest.raises(InputError, match="give every set two poses or more"):
             hx.estimate(loop_of(simulated(left_hand, 1)), hx.Murareci(), throw=False)
+
+    def test_five_poses_are_enough(self, left_hand):
+        few, more = simulated(left_hand, 2)[0], simulated(left_hand, 3)[1]
+        found = hx.estimate(loop_of([few, more]), hx.Murareci())
+        assert found.ok.mean() > 0.95
+        assert (found.error(left_hand.leg(3))["base_point"] <= 2e3 * EPS * found.condition)[found.ok].mean() > 0.95
 
     def test_three_directions_of_two_poses(self, left_hand):
         found = hx.estimate(loop_of(simulated(left_hand, 2, directions=3)), hx.Murareci())
@@ -208,12 +216,50 @@ def test_what_runs_away_has_not_converged(left_hand, spread):
     assert 0.7 < found.ok.mean() < 1 if spread == 3 else found.ok.mean() < 0.1
 
 
+def test_a_start_without_length_harms_no_other_set(left_hand):
+    """B of the start on A in one pose of one set of the batch: there are no angles there."""
+    parts, leg = simulated(left_hand, 6, 5), left_hand.leg(3)
+    clean = hx.estimate(loop_of(parts), hx.Murareci(leg))
+    position = np.array(parts[0].position)
+    position[2, 1] = leg.base_point - parts[0].rotation[2, 1] @ leg.platform_point
+    found = hx.estimate(loop_of([replace(parts[0], position=position), parts[1]]), hx.Murareci(leg))
+    others = [0, 1, 3, 4]
+    assert found.ok[others].all()
+    np.testing.assert_allclose(found.values[others], clean.values[others], rtol=1e-12)
+    assert found.ok[2] == bool(np.isfinite(found.values[2]).all())
+
+
+@pytest.mark.parametrize("at", [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+def test_a_leg_on_the_first_axis_has_no_angles(left_hand, at):
+    """And no derivative that could be taken for one: an iteration that ends there has not converged."""
+    assert (_angles(np.array([at]), np.eye(3))[1] == 0).all()
+    (data,) = simulated(left_hand, 6, None, directions=1)
+    position = np.array(data.position)
+    position[3] = at
+    for part, there in ((data, True), (replace(data, position=position), False)):
+        angles = _Angles(loop_of([part]), [np.eye(3)[None]])
+        assert angles.exist(np.zeros(6)) == there
+        assert np.isfinite(angles.linearised(np.zeros(6)).matrix).all()
+
+
+def test_an_empty_batch(left_hand):
+    found = hx.estimate(loop_of([part[[]] for part in simulated(left_hand, 6, 5)]), hx.Murareci())
+    assert found.values.shape == (0, 6)
+
+
+def test_what_failed_says_nothing(left_hand):
+    found = hx.estimate(loop_of(simulated(left_hand, 6, 3)), hx.Murareci(max_iterations=1))
+    assert not found.ok.any()
+    assert np.isnan(found.covariance).all()
+    assert np.isnan(found.objective).all()
+
+
 class TestWrongCalls:
     @pytest.mark.parametrize(
         ("settings", "message"),
         [
             ({"start": [1, 2, 3]}, "start: expected a Leg"),
-            ({"max_iterations": 0}, "max_iterations: expected at least 1"),
+            ({"max_iterations": 0}, "max_iterations: expected a whole number >= 1, got 0"),
         ],
     )
     def test_wrong_settings(self, settings, message):

@@ -183,6 +183,17 @@ def test_the_covariance_and_the_bias_where_errors_in_the_matrix_count():
     assert (np.abs(plain.mean(axis=0)) > 10 * spread).all()
 
 
+def test_an_empty_batch(left_hand):
+    problem = FixedLeg(hx.simulate_leg(left_hand, 3, "leg", 5, 4, rng=0)[[]]).linear()
+    assert hx.estimate(problem, hx.TotalLeastSquares()).values.shape == (0, 6)
+
+
+@pytest.mark.parametrize("exact", [3, "base_point", [1]])
+def test_exact_takes_names(exact):
+    with pytest.raises(InputError, match="exact: expected names of blocks"):
+        hx.TotalLeastSquares(exact=exact)
+
+
 class TestNoSolution:
     #: The least singular value of [A y] belongs to A alone: its right singular vector has no part of y.
     MATRIX, RHS = ((1.0, 0.0), (0.0, 0.1), (0.0, 0.0)), (1.0, 0.0, 1.0)
@@ -205,6 +216,7 @@ class TestNoSolution:
         rhs[[0, 2]] = [1.0, 0.1, 0.01]
         found = hx.estimate(problem_of(matrix, rhs), hx.TotalLeastSquares(exact=()))
         assert found.ok.tolist() == [True, False, True]
+        assert np.isfinite(found.objective).tolist() == np.isfinite(found.gap).tolist() == [True, False, True]
         alone = hx.estimate(problem_of(matrix[0], rhs[0]), hx.TotalLeastSquares(exact=()))
         np.testing.assert_allclose(found.values[2], alone.values, rtol=1e-12)
 

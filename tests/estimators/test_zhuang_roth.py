@@ -114,6 +114,8 @@ class TestHonesty:
     def test_too_few_iterations(self, left_hand):
         found = hx.estimate(loop_of(simulated(left_hand)), hx.ZhuangRoth(max_iterations=2))
         assert set(found.status) == {hx.Status.NOT_CONVERGED}
+        assert np.isnan(found.covariance).all()
+        assert np.isnan(found.objective).all()
         with pytest.raises(EstimationError, match="ZhuangRoth: ended with status NOT_CONVERGED"):
             hx.estimate(loop_of(simulated(left_hand, n_sets=None)), hx.ZhuangRoth(max_iterations=2))
 
@@ -138,7 +140,9 @@ class TestWrongCalls:
         ("settings", "message"),
         [
             ({"start": [1, 2, 3]}, "start: expected a Leg"),
-            ({"max_iterations": 0}, "max_iterations: expected at least 1"),
+            ({"max_iterations": 0}, "max_iterations: expected a whole number >= 1, got 0"),
+            ({"max_iterations": 2.5}, "max_iterations: expected a whole number >= 1, got 2.5"),
+            ({"max_iterations": "a"}, "max_iterations: expected a whole number >= 1, got 'a'"),
         ],
     )
     def test_wrong_settings(self, settings, message):
@@ -148,6 +152,10 @@ class TestWrongCalls:
     def test_a_known_joint(self, left_hand):
         with pytest.raises(InputError, match="finds both points, the loop has the unknown base_point: write estimate"):
             hx.estimate(FixedLength(simulated(left_hand)), hx.ZhuangRoth())
+
+    def test_a_start_of_another_leg(self, left_hand):
+        with pytest.raises(InputError, match="leg 3 was measured, and leg 5 is given"):
+            hx.estimate(loop_of(simulated(left_hand)), hx.ZhuangRoth(left_hand.leg(5)))
 
     def test_no_start(self, left_hand):
         data = simulated(left_hand)

@@ -285,6 +285,60 @@ def test_a_covariance_that_is_none_is_a_failure(left_hand):
     assert broken.after(matrix[7], rhs[7], "kalman", gate).code is hx.Status.FAILED
 
 
+def spoilt_estimate(robot, member):
+    """A platform point from Type II, of which one set of six has failed."""
+    b = hx.estimate(loop_of(robot, "leg", 10, 6).linear(), hx.LeastSquares())
+    bad = (np.arange(6) == member)[:, None]
+    return b, replace(
+        b,
+        values=np.where(bad, np.nan, b.values),
+        codes=np.where(bad[:, 0], hx.Status.NOT_CONVERGED, b.codes),
+        covariance=np.where(bad[..., None], np.nan, b.covariance),
+    )
+
+
+@pytest.mark.parametrize("kind", FILTERS)
+def test_a_known_value_that_failed_fails_alone(left_hand, kind):
+    b, bad = spoilt_estimate(left_hand, 2)
+    data = loop_of(left_hand, "length", 15, 6, rng=1).data
+    loop, clean = (hx.loops.FixedLength(data, platform_point=known) for known in (bad, b))
+    expected = hx.estimate(clean, hx.Recursive(kind))
+    for found in (hx.estimate(loop, hx.Recursive(kind)), stepped(hx.Recursive(kind), loop, clean.start()).estimate):
+        assert found.ok.tolist() == [True, True, False, True, True, True]
+        assert found.codes[2] == hx.Status.RANK_DEFICIENT
+        assert found.unseen == tuple(loop.parameters.labels)
+        assert found.degrees_of_freedom == expected.degrees_of_freedom
+    found = hx.estimate(loop, hx.Recursive(kind))
+    np.testing.assert_array_equal(found.values[found.ok], expected.values[found.ok])
+
+
+def test_degrees_of_freedom_are_those_of_the_successes(left_hand):
+    """Not of a member that failed with fewer rows that count; where none is good, the least of all."""
+    state = hx.Recursive().scan(loop_of(left_hand, "length", 15, 6))
+    last, bad = state.moments[-1], np.arange(6) == 2
+    for failed, rows in ((bad, 15), (bad | True, 5)):
+        codes = np.where(failed, hx.Status.FAILED, last.codes)
+        now = replace(last, codes=codes, rows=np.where(bad, 5, last.rows))
+        assert replace(state, moments=(*state.moments[:-1], now)).estimate.degrees_of_freedom == rows - 4
+    assert state.freedom.shape == (6, 15)
+    np.testing.assert_array_equal(state.freedom[0], np.maximum(np.arange(1, 16) - 4, 0))
+
+
+def test_history_says_what_early_poses_did_not_see(left_hand):
+    loop = loop_of(left_hand, "direction", 8)
+    state = hx.Recursive().start(loop)
+    early = []
+    for i in range(8):
+        state = hx.Recursive().step(state, loop.data.poses([i]))
+        early.append(state.estimate)
+    assert early[0].unseen
+    assert state.estimate.unseen == ()
+    assert state.history.unseen == early[0].unseen == state.history[0].unseen
+    assert state.history[7].unseen == ()
+    assert state.history.degrees_of_freedom == state.estimate.degrees_of_freedom == state.freedom[-1]
+    assert [one.degrees_of_freedom for one in early[3:]] == state.freedom[3:].tolist()
+
+
 def test_bad_calls(left_hand):
     loop = loop_of(left_hand, "direction", 6, 2)
     filter_ = hx.Recursive()
@@ -292,8 +346,15 @@ def test_bad_calls(left_hand):
     silent = replace(loop.data, noise=None)
     with pytest.raises(hx.InputError, match="filter: expected 'kalman'"):
         hx.Recursive("extended")
-    with pytest.raises(hx.InputError, match="level: expected a probability"):
-        hx.Recursive(level=3.0)
+    for level in (3.0, "a", None, np.nan):
+        with pytest.raises(hx.InputError, match="level: expected a probability"):
+            hx.Recursive(level=level)
+    other = hx.Unscented().start(loop)
+    for wrong in (3, other):
+        with pytest.raises(hx.InputError, match=r"state: expected a RecursiveState, from start\(\) or scan\(\); got"):
+            filter_.step(wrong, loop.data.poses([0]))
+    with pytest.raises(hx.InputError, match="leg 3 was measured, and leg 4 is given"):
+        filter_.step(state, replace(loop.data, nominal=left_hand.leg(4)).poses([0]))
     with pytest.raises(hx.InputError, match="reject: expected True or False"):
         hx.Recursive(reject=0.99)
     with pytest.raises(hx.InputError, match=r'consecutive form mixes poses: write loop.linear\(form="direct"\)'):

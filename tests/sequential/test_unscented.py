@@ -193,14 +193,33 @@ def test_a_covariance_that_is_none_fails_alone(left_hand):
         np.testing.assert_allclose(after.estimate.values[i], whole.estimate.values[i], rtol=1e-12)
 
 
+def test_a_set_that_stands_still_does_not_lower_the_freedom_of_others(left_hand):
+    data = loop_of(left_hand, "none", 15, 3).data
+    position, rotation, length = (np.array(part) for part in (data.position, data.rotation, data.length))
+    position[1], rotation[1], length[1] = position[1, :1], rotation[1, :1], length[1, :1]
+    mixed = hx.loops.LegLength(replace(data, position=position, rotation=rotation, length=length))
+    found = hx.estimate(mixed, hx.Unscented())
+    assert found.ok.tolist() == [True, False, True]
+    assert found.degrees_of_freedom == 15 - 7
+
+
 def test_bad_calls(left_hand):
     loop = loop_of(left_hand, "none", 10)
     with pytest.raises(hx.InputError, match="prior: expected a GaussianPrior, got Lasso"):
         hx.Unscented(hx.Lasso.around(left_hand.leg(3), 1.0))
     with pytest.raises(hx.InputError, match="first: expected a number of poses"):
         hx.Unscented(first=-1)
-    with pytest.raises(hx.InputError, match="alpha: expected a spread"):
-        hx.Unscented(alpha=0.0)
+    for alpha in (0.0, "a"):
+        with pytest.raises(hx.InputError, match="alpha: expected a spread"):
+            hx.Unscented(alpha=alpha)
+    for name in ("beta", "kappa"):
+        with pytest.raises(hx.InputError, match=f"{name}: 1 value.s. are NaN"):
+            hx.Unscented(**{name: np.nan})
+    with pytest.raises(hx.InputError, match="kappa: expected more than -7, of 7 unknowns; got -7"):
+        hx.Unscented(kappa=-7).start(loop)
+    wrong = hx.Recursive().start(loop_of(left_hand, "direction"))
+    with pytest.raises(hx.InputError, match=r"state: expected a UnscentedState, from .*; got RecursiveState"):
+        hx.Unscented().step(wrong, loop.data.poses([0]))
     with pytest.raises(hx.InputError, match="level: expected a probability"):
         hx.Unscented(level=1.0)
     with pytest.raises(hx.InputError, match="start: expected a loop"):

@@ -164,6 +164,15 @@ class TestFailures:
             ({"weights": np.ones((4, 1, 1))}, "weights: 4 blocks of 1 rows do not fit 15 rows"),
             ({"weights": np.ones((15, 1, 2))}, "weights: expected square blocks"),
             ({"huber": 0.0}, "huber: expected a threshold > 0, got 0.0"),
+            ({"huber": "a"}, "huber: expected numbers, got 'a'"),
+            ({"max_iterations": -1}, "max_iterations: expected a whole number >= 1, got -1"),
+            ({"max_iterations": 2.5}, "max_iterations: expected a whole number >= 1, got 2.5"),
+            ({"lower": "a"}, "lower: expected 7 values"),
+            ({"prior": 3}, "prior: expected a pair of mean and root, got 3"),
+            ({"prior": (1, 2, 3)}, "prior: expected a pair of mean and root"),
+            ({"unit_norm": "base_point"}, "unit_norm: expected names of blocks"),
+            ({"unit_norm": 3}, "unit_norm: expected names of blocks"),
+            ({"start": "a"}, "start: expected numbers, got 'a'"),
             ({"lower": np.zeros(3)}, "lower: expected 7 values"),
             ({"upper": np.full(7, -np.inf)}, "upper: expected 7 values"),
             ({"lower": np.ones(7), "upper": np.zeros(7)}, r"lower is above upper for platform_point.x, platform_po"),
@@ -172,16 +181,24 @@ class TestFailures:
             ({"start": np.zeros(4)}, "values: expected 7"),
         ],
     )
-    def test_wrong_arguments(self, arguments, message, left_hand, paper_noise):
+    def test_wrong_arguments(self, arguments, message, left_hand, paper_noise, capfd):
         with pytest.raises(InputError, match=message):
             symbolic.fit(lengths(left_hand, paper_noise), **arguments)
+        assert capfd.readouterr() == ("", "")
+
+    def test_a_robot_is_a_start(self, left_hand):
+        loop = hx.loops.LegLength(hx.simulate_leg(left_hand, 3, "none", 10, nominal=left_hand, rng=1))
+        found = [symbolic.fit(loop, start) for start in (left_hand, left_hand.leg(3))]
+        np.testing.assert_array_equal(found[0].values, found[1].values)
+        with pytest.raises(InputError, match="leg 3 was measured, and leg 5 is given"):
+            symbolic.fit(loop, left_hand.leg(5))
 
     def test_a_batch_is_taken_set_by_set(self, left_hand):
         data = hx.simulate_leg(left_hand, 3, "none", 10, 2, nominal=left_hand, rng=1)
         with pytest.raises(InputError, match=r"expected one problem, got a batch of \(2,\); take one set: data\[i\]"):
             symbolic.fit(hx.loops.LegLength(data))
         assert symbolic.fit(hx.loops.LegLength(data[1])).success
-        with pytest.raises(InputError, match=r"one value of each known block, got a batch of \(2,\)"):
+        with pytest.raises(InputError, match=r"expected one problem, got a batch of \(2,\)"):
             symbolic.fit(hx.loops.LegLength(data[0], unknown=("base_point",), offset=[15.0, 16.0]))
 
     def test_no_start(self, left_hand):

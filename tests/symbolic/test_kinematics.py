@@ -79,3 +79,9 @@ def test_wrong_arguments(left_hand):
         symbolic.forward_kinematics(left_hand, np.zeros(6), np.zeros(3), 2 * np.eye(3))
     with pytest.raises(InputError, match="rotation"):
         symbolic.inverse_kinematics(left_hand, np.zeros(3), 2 * np.eye(3))
+    with pytest.raises(InputError, match="max_iterations: expected a whole number >= 1, got -1"):
+        symbolic.forward_kinematics(left_hand, np.ones(6), max_iterations=-1)
+
+
+def test_no_poses_have_no_readings(left_hand):
+    assert symbolic.inverse_kinematics(left_hand, np.zeros((0, 3)), np.eye(3)).shape == (0, 6)

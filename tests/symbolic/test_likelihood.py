@@ -274,6 +274,8 @@ class TestFailures:
             symbolic.fit(poses)
         with pytest.raises(InputError, match="pose_fit: expected a PlatformPose, got LegLength; use fit"):
             symbolic.pose_fit(noisy(left_hand, "none"))
+        with pytest.raises(InputError, match="expected a loop, Sets, WholeRobot or PlatformPose, got LegMeasurements"):
+            symbolic.maximum_likelihood(noisy(left_hand, "none").data)
 
     def test_equations_of_no_symbolic_kind(self, left_hand):
         class Strange(hx.loops.PlatformPose):
