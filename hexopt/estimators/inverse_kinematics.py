@@ -8,28 +8,27 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from ..arrays import Array, matvec, norm
+from ..arrays import Array, matvec
 from ..constraints import Constraint
 from ..errors import InputError
 from ..geometry import Leg
 from ..loops import LegLength
 from ..losses import Loss, Quadratic
-from ..measurements import Lock
-from ..numerics.lm import levenberg_marquardt
-from ..numerics.lstsq import EPS, solve
+from ..numerics.lm import LMResult, levenberg_marquardt
+from ..numerics.lstsq import solve
 from ..priors import Prior
 from ..result import Estimate, Status
 from .convex import ConvexEstimator
 from .convex.scale import mad_scale
 from .least_squares import check_rows, linear_uncertainty, unseen_combinations
+from .leg_end import last_step
 from .leg_reference import check_ipopt, fitted_by_ipopt
 from .leg_rows import LegRows
+from .local_fit import check_settings, first_guess
 from .sequential_convex import SequentialConvex
 
 __all__ = ["InverseKinematics"]
 
-#: The share of the residual that a success may leave in the range of the rows, where a step would take it away.
-STILL = 1e-6
 #: Of the first step: Gauss–Newton's, all but, from where a nominal is as a rule.
 DAMPING = 1e-6
 
@@ -73,8 +72,8 @@ class InverseKinematics:
     -----
     Needs an initial guess, unlike the linear loops; no certificate of a global minimum (gap is NaN). The unknowns are
     those of the loop: ``LegLength(data, unknown=(…))``; Model 36 has b and a, 42 the offset, 48 the gain too. Poses
-    rotated about one axis only, or a leg's own DIRECTION or LEG set alone, do not determine them; what a prior or
-    bounds then decide is in ``found.decided``.
+    rotated about one axis only, or a leg's own DIRECTION or LEG set alone, do not determine them, nor does a locked
+    length offset and gain together; what a prior or bounds then decide is in ``found.decided``.
 
     Plain least squares is Levenberg–Marquardt on the whole batch. With another loss, a prior or bounds it is damped
     sequential convex programming: the rows, linearised, are solved by the routes of the convex family; the status,
@@ -109,12 +108,9 @@ class InverseKinematics:
     hint: ClassVar[str] = "write estimate(loops.LegLength(data), InverseKinematics())"
 
     def __post_init__(self) -> None:
-        if self.start is not None and not isinstance(self.start, Leg):
-            raise InputError(f"start: expected a Leg, got {type(self.start).__name__}")
+        check_settings(self.start, self.max_iterations)
         if self.weights not in (None, "model"):
             raise InputError(f"weights: expected None or 'model', got {self.weights!r}")
-        if self.max_iterations < 1:
-            raise InputError(f"max_iterations: expected at least 1, got {self.max_iterations}")
         if self.backend not in ("auto", "ipopt"):
             raise InputError(f"backend: expected 'auto' or 'ipopt', got {self.backend!r}")
         convex = self._convex
@@ -133,24 +129,21 @@ class InverseKinematics:
 
     def fit(self, target: LegLength) -> Estimate:
         """Fit every set of the batch; one that does not converge, or is not determined, fails alone."""
-        start = self.start or target.data.nominal
-        if start is None:
-            raise InputError("InverseKinematics needs an initial guess: give start=Leg(…) or data with a nominal")
-        first = np.broadcast_to(target.values(start), (*target.data.batch_shape, target.parameters.size))
+        first = first_guess(self, self.start, target, target.parameters, target.data.batch_shape)
         if not (self.prior or self.bounds):
             _check_poses(target, first)
         rows = LegRows.of(target)
         return self._fit_plain(rows, first) if self._is_plain else self._fit_convex(rows, first)
 
     def _fit_plain(self, rows: LegRows, first: Array) -> Estimate:
-        values, converged, iterations = self._minimise(rows, first)
+        found = self._minimise(rows, first)
         root = None
         if self.weights == "model":
-            root = rows.loop.linearised(np.where(converged[..., None], values, first)).whitening()
+            root = rows.loop.linearised(np.where(found.converged[..., None], found.values, first)).whitening()
             rows = rows.weighted(root, None)
-            values, converged, more = self._minimise(rows, values)
-            iterations = iterations + more
-        return self._estimate(rows, values, converged, iterations, root)
+            again = self._minimise(rows, found.values)
+            found = replace(again, iterations=found.iterations + again.iterations)
+        return self._estimate(rows, found, root)
 
     def _fit_convex(self, raw: LegRows, first: Array) -> Estimate:
         target, flat = raw.loop, (-1, first.shape[-1])
@@ -165,14 +158,16 @@ class InverseKinematics:
             values, more = minimiser.minimise(begin, self.max_iterations)
         values, iterations = values.reshape(first.shape), iterations + more.reshape(iterations.shape)
         found = minimiser.estimate(values)
-        if _is_blind(target):
-            seen = replace(minimiser, rows=replace(rows, one_direction=True))
-            found = _without_noise(found, seen.estimate(values))
+        if target.blind_spots:
+            seen = replace(minimiser, rows=replace(rows, noiseless=True)).estimate(values)
+            found = _without_noise(found, seen, () if self.prior or self.bounds else target.blind_spots)
         kind = found.covariance_kind
         if self.scale is not None and kind in ("model", "sandwich"):
             kind = "residual" if self.scale == "mad" else "model"
         return replace(
             found,
+            objective=np.where(found.ok, found.objective, np.nan),
+            chi2=None if found.chi2 is None else np.where(found.ok, found.chi2, np.nan),
             covariance_kind=kind,
             iterations=iterations,
             estimator=f"{type(target).__name__} by {self!r}",
@@ -180,12 +175,13 @@ class InverseKinematics:
 
     def _unweighted(self, rows: LegRows, first: Array) -> tuple[Array, Any]:
         """The plain solution, where weights and scale are taken; the start where there is none."""
-        if rows.loop.data.n_poses < first.shape[-1] or _is_blind(rows.loop):
+        if rows.loop.data.n_poses < first.shape[-1] or rows.loop.blind_spots:
             return first, np.zeros(first.shape[:-1], dtype=np.int64)
-        values, converged, iterations = self._minimise(rows, first)
-        residual, jacobian = rows.at(np.where(converged[..., None], values, first).reshape(-1, first.shape[-1]))
+        found = self._minimise(rows, first)
+        values, converged = np.where(found.converged[..., None], found.values, first), found.converged
+        residual, jacobian = rows.at(values.reshape(-1, first.shape[-1]))
         good = converged & solve(jacobian, residual, inverse=False).full_rank.reshape(converged.shape)
-        return np.where(good[..., None], values, first), iterations
+        return np.where(good[..., None], values, first), found.iterations
 
     def _weighted(self, rows: LegRows, plain: Array) -> LegRows:
         local, shared = rows.loop.linearised(plain), isinstance(self.loss, Quadratic)
@@ -199,12 +195,14 @@ class InverseKinematics:
             scale = np.full(local.batch_shape, float(self.scale))
         return rows.weighted(root, scale, shared=shared)
 
-    def _minimise(self, rows: LegRows, start: Array) -> tuple[Array, Any, Any]:
-        """Least squares from starts (..., p): values, convergence and iterations."""
+    def _minimise(self, rows: LegRows, start: Array) -> LMResult:
+        """Least squares from starts (..., p), of which the result has the shape."""
         flat, batch = start.reshape(-1, start.shape[-1]), start.shape[:-1]
         if self.backend == "ipopt":
             values, converged, iterations = fitted_by_ipopt(rows, flat, self.max_iterations)
             values = np.where(converged[:, None], values, flat)
+            polished = levenberg_marquardt(rows.at, values, max_iterations=1, damping=DAMPING)  # the last digits
+            result = LMResult(polished.values, converged, iterations)
         else:
             result = levenberg_marquardt(
                 rows.at,
@@ -213,33 +211,32 @@ class InverseKinematics:
                 damping=DAMPING,
                 chosen=lambda which: rows.take(which).at,
             )
-            values, converged, iterations = result.values, result.converged, result.iterations
-        return values.reshape(start.shape), converged.reshape(batch), iterations.reshape(batch)
+        return replace(
+            result,
+            values=result.values.reshape(start.shape),
+            converged=result.converged.reshape(batch),
+            iterations=result.iterations.reshape(batch),
+        )
 
-    def _estimate(self, rows: LegRows, values: Array, converged: Any, iterations: Any, root: Any) -> Estimate:
+    def _estimate(self, rows: LegRows, found: LMResult, root: Any) -> Estimate:
         """The estimate at the end of least squares on (weighted) rows."""
-        loop, shape = rows.loop, converged.shape
-        residual, jacobian = rows.at(values.reshape(-1, values.shape[-1]))
-        matrix, rhs = jacobian.reshape(*shape, *jacobian.shape[1:]), -residual.reshape(*shape, residual.shape[-1])
-        local = solve(matrix, rhs, inverse=self.covariance)
-        square = np.einsum("...m,...m->...", rhs, rhs)
-        still = square - 2 * local.objective <= STILL**2 * square  # what a step would still take away
-        if not still.all():
-            still |= norm(matvec(matrix, np.nan_to_num(local.values))) <= 8 * EPS * norm(matvec(matrix, values))
-        codes = np.where(converged & still, Status.OPTIMAL, Status.NOT_CONVERGED)
-        codes = np.where(local.full_rank & (not _is_blind(loop)), codes, Status.RANK_DEFICIENT).astype(np.int8)
+        loop, values = rows.loop, found.values
+        square, still, local = last_step(rows, found, values_only=not self.covariance)
+        codes = np.where(found.converged & still, Status.OPTIMAL, Status.NOT_CONVERGED)
+        codes = np.where(local.full_rank & (not loop.blind_spots), codes, Status.RANK_DEFICIENT).astype(np.int8)
         more: dict[str, Any] = {
             "covariance": None,
             "covariance_kind": "not asked for (covariance=False)",
-            "degrees_of_freedom": rhs.shape[-1] - values.shape[-1],
+            "degrees_of_freedom": loop.data.n_poses - values.shape[-1],
         }
         if self.covariance or not local.full_rank.all():
             problem = loop.linearised(values)
             more["unseen"] = unseen_combinations(problem, local)
             if self.covariance:
                 more |= linear_uncertainty(problem, local, root, values)
-        if _is_blind(loop):
-            more["unseen"] = more.get("unseen") or _BLIND
+        if loop.blind_spots:  # by their combinations where no noise makes them look seen
+            more["unseen"] = more.get("unseen") or loop.blind_spots
+        square = np.where(codes == Status.OPTIMAL, square, np.nan)
         return Estimate(
             values=np.where((codes == Status.OPTIMAL)[..., None], values, np.nan),
             parameters=loop.parameters,
@@ -248,7 +245,7 @@ class InverseKinematics:
             gap=np.full(codes.shape, np.nan),
             condition=local.condition,
             chi2=None if root is None else square,
-            iterations=iterations,
+            iterations=found.iterations,
             estimator=f"{type(loop).__name__} by {self!r}",
             **more,
         )
@@ -260,7 +257,7 @@ def _check_poses(loop: LegLength, first: Array) -> None:
         check_rows(loop.linearised(first))
 
 
-def _without_noise(found: Estimate, seen: Estimate) -> Estimate:
+def _without_noise(found: Estimate, seen: Estimate, blind: tuple[str, ...]) -> Estimate:
     """An estimate of a blind loop with the rank and covariance of what its rows see."""
     unseen = (seen.codes == Status.RANK_DEFICIENT) & (found.codes != Status.INFEASIBLE)
     codes = np.where(unseen, seen.codes, found.codes)
@@ -269,13 +266,5 @@ def _without_noise(found: Estimate, seen: Estimate) -> Estimate:
         values=np.where((codes == Status.OPTIMAL)[..., None], found.values, np.nan),
         codes=codes,
         objective=found.objective,
+        unseen=blind or seen.unseen,
     )
-
-
-#: What a locked direction hides; noise in the measurements makes the matrix look as if it did not.
-_BLIND = ("base_point across the leg's locked direction",)
-
-
-def _is_blind(loop: LegLength) -> bool:
-    """Whether the leg's own lock keeps its direction, so that its lengths say nothing of a across it."""
-    return "base_point" in loop.unknown and loop.data.lock in (Lock.DIRECTION, Lock.LEG)

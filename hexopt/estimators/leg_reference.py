@@ -44,6 +44,8 @@ def fitted_by_ipopt(
     for i, first in enumerate(start):
         extra: dict[str, Any] = {}
         if frame is not None:
+            if (frame.lower[i] > frame.upper[i]).any():
+                continue  # nothing is inside
             extra = {"lower": frame.lower[i], "upper": frame.upper[i]}
             if len(frame.terms) > 1:
                 root = np.concatenate([term.matrix[i] for term in frame.terms[1:]])

@@ -65,11 +65,11 @@ class SequentialConvex:
     def of(cls, convex: ConvexEstimator, rows: LegRows, start: Array) -> SequentialConvex:
         """The minimiser of rows, for starts (..., p)."""
         residual, jacobian = rows.at(start.reshape(-1, start.shape[-1]))
-        shape = (*start.shape[:-1], -1)
+        shape = start.shape[:-1]
         frame = assemble(
             convex.loss,
-            jacobian.reshape(*shape[:-1], *jacobian.shape[1:]),
-            residual.reshape(shape),
+            jacobian.reshape(*shape, *jacobian.shape[1:]),
+            residual.reshape(*shape, residual.shape[-1]),
             1,
             rows.loop.parameters,
             convex.prior,  # type: ignore[arg-type]  # made tuples by the estimator
@@ -77,8 +77,8 @@ class SequentialConvex:
         )
         unit = np.ones(len(residual))
         if rows.is_raw:
-            size = norm(matvec(jacobian, start.reshape(len(unit), -1)))
-            unit = np.maximum(norm(residual), 1e-12 * size + 1e-300) / np.sqrt(residual.shape[-1])
+            lost = norm(rows.rounding(start.reshape(len(unit), -1)))
+            unit = np.maximum(norm(residual), 1e3 * lost + 1e-300) / np.sqrt(residual.shape[-1])
         return cls(convex, rows, frame, unit)
 
     def better(self, one: Array, other: Array) -> Array:
@@ -102,13 +102,14 @@ class SequentialConvex:
             found = np.isfinite(step).all(axis=-1)
             step[~found] = 0.0
             there = self._about(x[active] + step, active)
-            new, rounding = _value(there), _rounding(here, x[active])
+            lost = self._rounding(x[active], active)
+            new, rounding = _value(there), _uncertainty(here, lost)
             promised = value[active] - here.objective(step)
             share = _share(value[active] - new, promised, rounding)
             good = found & (share >= DECREASE)
             x[active] += np.where(good[:, None], step, 0.0)
             value[active] = np.where(good, new, value[active])
-            length, arrived, near = _length(here, x[active], step)
+            length, arrived, near = _length(here, lost, step)
             settled = (damping[active] == 0) & (arrived | (near & (length >= 0.5 * last[active])))
             rests = near | (promised <= rounding)  # what is left to gain is rounding
             returns[active] += rests & (damping[active] > 0)
@@ -125,8 +126,9 @@ class SequentialConvex:
         inner = replace(self.convex, weights=None if self.rows.is_raw else "model", scale=None)
         found: Estimate = inner.fit(self.rows.problem(x))
         flat = x.reshape(-1, x.shape[-1])
-        local = self._about(flat, np.arange(len(flat)))
-        *_, near = _length(local, flat, self._step(local, np.zeros(len(flat))))
+        everyone = np.arange(len(flat))
+        local = self._about(flat, everyone)
+        *_, near = _length(local, self._rounding(flat, everyone), self._step(local, np.zeros(len(flat))))
         astray = (found.codes == Status.OPTIMAL) & ~near.reshape(x.shape[:-1])
         codes = np.where(astray, Status.NOT_CONVERGED, found.codes).astype(np.int8)
         return replace(
@@ -145,6 +147,10 @@ class SequentialConvex:
         return replace(
             frame, terms=(Term(self.convex.loss, jacobian / unit[..., None], -residual / unit), *frame.terms[1:])
         )
+
+    def _rounding(self, x: Array, which: Any) -> Array:
+        """By how much each row of the programme at x is uncertain."""
+        return self.rows.take(which).rounding(x) / self.unit[which, None]
 
     def _step(self, programme: Programme, damping: Array) -> Array:
         """The optimum of each linearised programme, kept near zero by its damping; NaN where there is none."""
@@ -172,11 +178,11 @@ def _value(programme: Programme) -> Array:
     return programme.objective(np.zeros((programme.batch, programme.size)))
 
 
-def _length(programme: Programme, x: Array, step: Array) -> tuple[Array, BoolArray, BoolArray]:
+def _length(programme: Programme, lost: Array, step: Array) -> tuple[Array, BoolArray, BoolArray]:
     """How long a step is in σ of the rows, whether x has arrived at its end, and whether nearly."""
     terms = [term for term in programme.terms if term.loss.smooth] or programme.terms[:1]
     length = np.sqrt(np.asarray(sum(np.square(matvec(term.matrix, step)).sum(axis=-1) for term in terms)))
-    rounding = 8 * EPS * norm(matvec(programme.terms[0].matrix, x))
+    rounding = norm(lost)
     near = length <= np.maximum(STAGNANT, rounding)
     if not newton_solves(programme):
         value = _value(programme)
@@ -199,9 +205,8 @@ def _damped(damping: Array, share: Array) -> Array:
     return np.where(share > 0.75, less, np.where(share < 0.25, more, damping))
 
 
-def _rounding(programme: Programme, x: Array) -> Array:
-    """By how much the objective at x is uncertain, because its residuals are differences of long rows."""
+def _uncertainty(programme: Programme, lost: Array) -> Array:
+    """By how much the objective is uncertain, where its rows are by `lost`."""
     data = programme.terms[0]
     force = np.abs(data.loss.psi(data.blocks(data.rhs))).reshape(data.rhs.shape)
-    size = np.einsum("bm,bm->b", force, np.abs(matvec(data.matrix, x)))
-    return np.asarray(8 * EPS * (size + _value(programme)))
+    return np.asarray(np.einsum("bm,bm->b", force, lost) + 8 * EPS * _value(programme))

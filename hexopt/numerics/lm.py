@@ -11,9 +11,9 @@ import numpy.typing as npt
 from ..arrays import Array, BoolArray
 from .charts import Chart
 from .factor import factored, solved
-from .lstsq import solve
+from .lstsq import gram_condition, solve
 
-__all__ = ["LMResult", "levenberg_marquardt"]
+__all__ = ["LMEnd", "LMResult", "levenberg_marquardt"]
 
 #: Values (k, p) to residuals (k, m) and Jacobians (k, m, p or q).
 Evaluate = Callable[[Array], tuple[Array, Array]]
@@ -42,11 +42,33 @@ class LMResult:
     values : ndarray, shape (k, p)
     converged : ndarray of bool, shape (k,)
     iterations : ndarray of int, shape (k,)
+    end : LMEnd, optional
+        What the last step says of the rows there; without it they are to be evaluated once more.
     """
 
     values: Array
     converged: BoolArray
     iterations: npt.NDArray[np.int64]
+    end: LMEnd | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LMEnd:
+    """The rows where each problem ended, as its polishing step saw them; infinite where there was none.
+
+    Attributes
+    ----------
+    objective : ndarray, shape (k,)
+        To first order in the rows.
+    moved : ndarray, shape (k,)
+        By how much the step moved the rows, as a share of their length.
+    condition : ndarray, shape (k,)
+        As in :func:`~hexopt.numerics.lstsq.solve`.
+    """
+
+    objective: Array
+    moved: Array
+    condition: Array
 
 
 def levenberg_marquardt(
@@ -108,11 +130,14 @@ def levenberg_marquardt(
             most.append(np.where(state.damping < SAFE, POLISH * tolerance, 0.0)[~going])
             state = state.chosen(going)
     x[state.index] = state.x
+    end = LMEnd(*np.full((3, len(x)), np.inf))
     if ended:
         last = _State.joined(ended)
         converged[last.index] = True
-        x[last.index] = _polished(chart, last, np.concatenate(most))
-    return LMResult(x, converged, iterations)
+        x[last.index], end.objective[last.index], end.moved[last.index], end.condition[last.index] = _polished(
+            chart, last, np.concatenate(most)
+        )
+    return LMResult(x, converged, iterations, end)
 
 
 def _evaluate_some(evaluate: Evaluate, chosen: Callable[[Index], Evaluate] | None, which: Index, x: Array) -> Evaluate:
@@ -221,8 +246,8 @@ def _damped_step(state: _State) -> tuple[Array, Array, Array]:
     return (step / scale).T, np.sqrt(np.einsum("qk,qk->k", step, step)), predicted
 
 
-def _polished(chart: Chart, state: _State, most: Array) -> Array:
-    """The values after an undamped step, where that moves the rows by no more than `most`."""
+def _polished(chart: Chart, state: _State, most: Array) -> tuple[Array, Array, Array, Array]:
+    """The values after an undamped step, where that moves the rows by no more than `most`; and the parts of LMEnd."""
     gram, gradient, scale = _normal_equations(state)
     factor = factored(gram)
     step = -solved(factor, gradient)
@@ -232,4 +257,7 @@ def _polished(chart: Chart, state: _State, most: Array) -> Array:
         solution = solve(np.nan_to_num(jacobian), -residual, inverse=False)
         step[:, steep] = np.where(solution.full_rank[:, None], solution.values, 0.0).T * scale[:, steep]
     small = np.sqrt(np.einsum("qk,qk->k", step, step)) < most
-    return np.where(small[:, None], chart.moved(state.x, (step / scale).T), state.x)
+    square = np.maximum(-np.einsum("qk,qk->k", gradient, step), 0.0)
+    moved = np.sqrt(np.divide(square, 2 * state.cost, out=np.full(len(small), np.inf), where=small & (state.cost > 0)))
+    values = np.where(small[:, None], chart.moved(state.x, (step / scale).T), state.x)
+    return values, state.cost - 0.5 * np.where(small, square, 0.0), moved, gram_condition(np.moveaxis(gram, -1, 0))

@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import Array, BoolArray, matvec, transpose
 from .inverse import spd_inverse
 
-__all__ = ["LstsqSolution", "null_combinations", "solve", "solve_normal_equations", "solve_svd"]
+__all__ = ["LstsqSolution", "gram_condition", "null_combinations", "solve", "solve_normal_equations", "solve_svd"]
 
 EPS = float(np.finfo(float).eps)
 #: Up to this condition number one refinement gives the Gram route the accuracy of the SVD.
@@ -170,7 +170,7 @@ def _solve_gram(
         return gradient, matvec(inner, gradient)
 
     with np.errstate(invalid="ignore", over="ignore"):
-        condition[:] = np.nan_to_num(np.sqrt(_frobenius(gram) * _frobenius(inner)), nan=np.inf, posinf=np.inf)
+        condition[:] = gram_condition(gram, inner)
         values[:] = back(rhs)[1] / scale
         values -= back((values[:, None, :] @ columns)[:, 0] - rhs)[1] / scale
         residual[:] = (values[:, None, :] @ columns)[:, 0] - rhs
@@ -180,6 +180,16 @@ def _solve_gram(
         objective[:] = 0.5 * np.einsum("...m,...m->...", residual, residual)
         gap[:] = 0.5 * np.einsum("...p,...p->...", gradient, step)
         imbalance[:] = np.abs(gradient).max(axis=-1)
+
+
+def gram_condition(gram: Array, inner: Array | None = None) -> Array:
+    r"""The condition number of the columns whose Gram matrices (B, p, p) these are, or somewhat more.
+
+    It is :math:`\sqrt{\lVert G\rVert_F \lVert G^{-1}\rVert_F}`; `inner` is the inverse, where that is there already.
+    """
+    inner = spd_inverse(gram) if inner is None else inner
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.nan_to_num(np.sqrt(_frobenius(gram) * _frobenius(inner)), nan=np.inf, posinf=np.inf)
 
 
 def _frobenius(matrix: Array) -> Array:

@@ -17,6 +17,8 @@ import pandas as pd
 import hexopt as hx
 from studies.harness.task import single_threaded
 from studies.timing.convex import against_cvxpy, against_loops
+from studies.timing.likelihood import against_peers
+from studies.timing.nonlinear import against_ipopt, against_scipy
 from studies.timing.plain_loop import plain_loop
 
 ERR = 0.01
@@ -41,6 +43,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         _show(table, chosen.out / "plain_loop.csv")
         _show(against_cvxpy(chosen.sets, chosen.repeats), chosen.out / "convex.csv")
         _show(against_loops(chosen.sets, chosen.repeats), chosen.out / "loops.csv")
+        _show(against_scipy(chosen.sets, chosen.repeats), chosen.out / "nonlinear.csv")
+        _show(against_ipopt(chosen.sets, chosen.repeats), chosen.out / "ipopt.csv")
+        _show(against_peers(chosen.sets, chosen.repeats), chosen.out / "likelihood.csv")
     if chosen.whole:
         _show(growth(chosen.repeats), chosen.out / "growth.csv")
     return 0

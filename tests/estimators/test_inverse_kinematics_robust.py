@@ -219,10 +219,11 @@ class TestWhatItIsFor:
 
 
 class TestHonesty:
-    def test_infeasible_bounds_stay_so(self, left_hand):
+    @pytest.mark.parametrize("backend", ["auto", "ipopt"])
+    def test_infeasible_bounds_stay_so(self, left_hand, backend):
         data = simulated(left_hand, n_sets=3)
         apart = [hx.Box({"offset": (0.0, 1.0)}), hx.Box({"offset": (2.0, 3.0)})]
-        found = hx.estimate(LegLength(data), hx.InverseKinematics(bounds=apart))
+        found = hx.estimate(LegLength(data), hx.InverseKinematics(bounds=apart, backend=backend))
         assert [status is hx.Status.INFEASIBLE for status in found.status] == [True] * 3
         assert np.isnan(found.values).all()
 
@@ -238,6 +239,8 @@ class TestHonesty:
         for chosen in ({"loss": hx.Huber(), "weights": "model"}, {"bounds": hx.Box({"offset": (10.0, 20.0)})}):
             found = hx.estimate(LegLength(data), hx.InverseKinematics(**chosen))
             assert [status is hx.Status.RANK_DEFICIENT for status in found.status] == [True] * 3
+            if "bounds" not in chosen:
+                assert found.unseen == ("base_point across the leg's locked direction",)
             assert any("base_point" in words for words in found.unseen)
             with pytest.raises(RankDeficientError, match="base_point"):
                 hx.estimate(LegLength(data[0]), hx.InverseKinematics(**chosen))
@@ -251,6 +254,23 @@ class TestHonesty:
         assert found.undetermined.all()
         assert any("base_point" in words for words in found.decided)
         assert (found.standard_errors[:, 3:6].max(axis=1) > 0.25).all()  # across the direction: the prior's
+
+    def test_a_locked_length_does_not_see_offset_against_gain(self, left_hand):
+        data = simulated(left_hand, lock="length", n_sets=3, n=20, off=0.1)
+        loop = LegLength(data, unknown=NAMES)
+        found = hx.InverseKinematics(loss=hx.Huber(), weights="model").fit(loop)
+        assert (found.codes == int(hx.Status.RANK_DEFICIENT)).all()
+        assert found.unseen == ("offset against gain: a locked length has one reading",)
+        prior = hx.GaussianPrior({"gain": 1.0}, {"gain": 1e-4})
+        decided = hx.InverseKinematics(weights="model", prior=prior).fit(loop)
+        assert decided.ok.all()
+        assert decided.undetermined.all()
+        assert any("offset" in words and "gain" in words for words in decided.decided)
+        np.testing.assert_allclose(decided.standard_errors[:, -1], 0.01, rtol=1e-6)  # the prior's
+        other = hx.GaussianPrior.around(data.nominal, 0.3)  # of the points alone: offset and gain stay unseen
+        left = hx.InverseKinematics(weights="model", prior=other).fit(loop)
+        assert (left.codes == int(hx.Status.RANK_DEFICIENT)).all()
+        assert any("offset" in words and "gain" in words for words in left.unseen)
 
     def test_a_prior_makes_up_for_missing_poses(self, left_hand):
         data = simulated(left_hand, n=4, n_sets=3)
@@ -360,3 +380,46 @@ def test_the_fast_rows_are_those_of_the_loop(left_hand, unknown):
     np.testing.assert_allclose(jacobian, loop.jacobian(x)[..., 0, :], atol=1e-13)
     some = rows.take(np.array([3, 1])).at(x[[3, 1]])
     np.testing.assert_array_equal(some[1], jacobian[[3, 1]])
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        {"loss": hx.Huber(), "weights": "model"},
+        {"loss": hx.Huber(), "scale": 0.1},
+        {"bounds": hx.Box.around(hx.robots.rubin().leg(2), 3000.0)},
+    ],
+    ids=lambda chosen: ",".join(chosen),
+)
+def test_on_ill_conditioned_rows_it_ends_and_a_batch_equals_its_members(chosen):
+    """Rubin: rows of a millionth of the coordinates, and κ of 1e5; what is left of a step is rounding soon."""
+    robot = hx.robots.rubin()
+    noise = hx.NormalNoise(0.1, 1e-7, 0.1)
+    data = hx.simulate_leg(robot, 2, "none", 15, 50, noise=noise, nominal=robot.perturbed(500, rng=2), rng=2)
+    estimator = hx.InverseKinematics(**chosen)
+    together = estimator.fit(LegLength(data))
+    assert together.ok.all()
+    assert together.iterations.max() < 40
+    for i in (5, 8, 11, 33, 39):
+        alone = estimator.fit(LegLength(data[i]))
+        assert alone.ok
+        sigma = np.where(together.standard_errors[i] > 0, together.standard_errors[i], np.inf)
+        assert (np.abs(together.values[i] - alone.values) <= 1e-5 * sigma)[np.isfinite(sigma)].all()
+        np.testing.assert_allclose(together.objective[i], alone.objective, rtol=1e-8)
+
+
+def test_rows_are_uncertain_by_the_rounding_of_what_they_are_a_difference_of():
+    """Rubin: the length of a vector of millions, minus a reading and an offset; against more digits."""
+    robot = hx.robots.rubin()
+    data = hx.simulate_leg(robot, 2, "none", 15, 200, nominal=robot.perturbed(500, rng=2), rng=2)
+    loop = LegLength(data)
+    x = loop.values(robot.leg(2)) + np.random.default_rng(0).standard_normal((200, 7))
+    rows = LegRows.of(loop)
+    b, a, offset = (x.astype(np.longdouble)[:, None, part] for part in (slice(0, 3), slice(3, 6), 6))
+    turned = (data.rotation.astype(np.longdouble) * b[..., None, :]).sum(axis=-1)
+    exact = np.sqrt(((data.position + turned - a) ** 2).sum(axis=-1)) - data.length - offset
+    error = np.abs(rows.at(x)[0] - exact).astype(float)
+    assert (error <= rows.rounding(x)).all()
+    assert error.max() > 0.01 * rows.rounding(x).max()
+    weighted = rows.weighted(None, np.full(200, 0.1))
+    np.testing.assert_allclose(weighted.rounding(x), 10 * rows.rounding(x))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from hexopt.numerics.charts import Chart
-from hexopt.numerics.lm import levenberg_marquardt, row_size
+from hexopt.numerics.lm import levenberg_marquardt
 
 
 def batched(residual, jacobian):
@@ -135,14 +134,26 @@ def test_members_that_have_ended_need_not_be_evaluated():
 def test_polishing_brings_the_last_digits():
     """Where the iteration ends early, one undamped step makes the gradient much smaller."""
     residual, jacobian, starts = CASES["decay"]
-    rough = levenberg_marquardt(batched(residual, jacobian), np.array(starts), polish=False, absolute=1e-4)
     fine = levenberg_marquardt(batched(residual, jacobian), np.array(starts), absolute=1e-4)
-    gradient = [
-        max(np.abs(jacobian(values).T @ residual(values)).max() for values in found.values) for found in (rough, fine)
-    ]
-    assert gradient[1] < 0.1 * gradient[0]
+    for values, moved in zip(fine.values, fine.end.moved, strict=True):
+        gradient = jacobian(values).T @ residual(values)
+        left = np.linalg.lstsq(jacobian(values), -residual(values))[0]
+        assert np.linalg.norm(jacobian(values) @ left) < 0.1 * moved * np.linalg.norm(residual(values))
+        assert np.abs(gradient).max() < 1e-6
 
 
-def test_the_size_of_values_as_the_rows_see_them():
-    jacobian = np.array([[[3.0, 0.0], [4.0, 0.0]]])  # the second column is not seen, and counts as 1
-    assert row_size(Chart(2), np.array([[2.0, 1.0]]), jacobian) == pytest.approx(np.sqrt(101))
+@pytest.mark.parametrize("case", CASES)
+def test_what_it_says_of_its_end(case):
+    """To first order: the objective, and the condition of columns of unit length."""
+    residual, jacobian, starts = CASES[case]
+    found = levenberg_marquardt(batched(residual, jacobian), np.array(starts))
+    for i, values in enumerate(found.values):
+        assert found.end.objective[i] == pytest.approx(0.5 * residual(values) @ residual(values), rel=1e-9, abs=1e-25)
+        columns = jacobian(values) / np.linalg.norm(jacobian(values), axis=0)
+        condition = np.linalg.cond(columns)
+        assert condition * (1 - 1e-6) <= found.end.condition[i] <= np.sqrt(len(values)) * condition * (1 + 1e-6)
+
+
+def test_of_what_did_not_converge_it_says_nothing():
+    found = levenberg_marquardt(batched(rosenbrock, rosenbrock_jacobian), np.array([[-1.2, 1.0]]), max_iterations=3)
+    assert np.isinf([found.end.objective, found.end.moved, found.end.condition]).all()
