@@ -27,6 +27,8 @@ SETTLED, ROUNDING = 1e-7, 1e-12
 LOOSEST = 1e-3
 #: By how much the next step is taken to be shorter at most.
 SHRINKING = 1e-2
+#: Steps that all problems of a batch take together; those that need more go on alone.
+FEW = 4
 #: Steps that Gauss–Newton has.
 FINISHING = 30
 
@@ -68,22 +70,34 @@ class Likelihood:
     chart: Chart
     shared: SharedPlaces
 
-    def maximum(self, start: Array, max_iterations: int, *, near: bool) -> Stationary:
-        """The stationary point found from `start`; unless it is `near`, by way of unweighted least squares.
+    def maximum(self, start: Array, max_iterations: int, near: list[WhitenedRows] | None) -> Stationary:
+        """The stationary point found from `start`, whose rows are given where it is `near`.
 
-        Where that does not settle, Levenberg–Marquardt goes down the likelihood itself.
+        Else it goes by way of unweighted least squares. Where that does not settle, Levenberg–Marquardt goes down the
+        likelihood itself.
         """
         started = np.asarray(np.isfinite(start).all(axis=-1))
-        values, _, before = (start, None, 0) if near else self._descended(start, self._raw_rows, max_iterations, 0.0)
-        end = self._finished(self._with_shared(values), started, max_iterations)
-        end = replace(end, iterations=end.iterations + before)
-        lost = np.asarray(started & end.finite & end.local.full_rank & ~end.settled)
-        if not lost.any():
-            return end
-        if lost.ndim == 0:
-            return self._by_likelihood(start, max_iterations)
-        some = replace(self, target=self.target.take(np.nonzero(lost), lost.shape))
-        return _merged(end, some._by_likelihood(start[lost], max_iterations), lost)
+        if near is not None:
+            end = self._finished(self._with_shared(start), started, min(FEW, max_iterations), near)
+        else:
+            values, _, before = self._descended(start, self._raw_rows, max_iterations, 0.0)
+            end = self._finished(self._with_shared(values), started, min(FEW, max_iterations))
+            end = replace(end, iterations=end.iterations + before)
+        left = started & end.finite & end.local.full_rank
+        lost = np.asarray(left & ~end.settled)
+        if max_iterations > FEW and lost.any():
+            some, errors = self._some(lost), [_members(part.error, lost) for part in end.rows]
+            on = some._finished(_members(end.unknowns, lost), _members(left, lost), max_iterations - FEW, errors=errors)
+            on = replace(on, iterations=on.iterations + _members(end.iterations, lost))
+            end = _merged(end, on, lost)
+            lost = np.asarray(left & end.finite & end.local.full_rank & ~end.settled)
+        if lost.any():
+            end = _merged(end, self._some(lost)._by_likelihood(_members(start, lost), max_iterations), lost)
+        return end
+
+    def _some(self, which: BoolArray) -> Likelihood:
+        """The same of some problems; of a single problem itself."""
+        return replace(self, target=self.target.take(np.nonzero(which), which.shape)) if which.ndim else self
 
     def _by_likelihood(self, start: Array, max_iterations: int) -> Stationary:
         unknowns, converged, iterations = self._descended(
@@ -150,17 +164,24 @@ class Likelihood:
         lengths = np.sqrt(np.einsum("...mq,...mq->...q", jacobian, jacobian))
         return norm(lengths * np.where(self.chart.turning, 1.0, self.chart.coordinates(unknowns)))
 
-    def _finished(self, unknowns: Array, moving: BoolArray, max_iterations: int) -> Stationary:
+    def _finished(
+        self,
+        unknowns: Array,
+        moving: BoolArray,
+        max_iterations: int,
+        known: list[WhitenedRows] | None = None,
+        errors: list[Array] | None = None,
+    ) -> Stationary:
         """Gauss–Newton in the values and the measurements at once, until they settle.
 
-        Steps shrink by a nearly constant factor; a problem has settled where the next one would be as small.
+        Steps shrink by a nearly constant factor; a problem has settled where the next one would be as small. The
+        rows at the unknowns may be `known`, and the `errors` that the measurements have moved by.
         """
         settled = np.zeros(unknowns.shape[:-1], dtype=bool)
         iterations = np.zeros(unknowns.shape[:-1], dtype=np.int64)
         before: Array = np.full(unknowns.shape[:-1], np.inf)
-        errors: list[Array] | None = None
         for _ in range(min(FINISHING, max_iterations)):
-            rows = self._rows(unknowns, errors)
+            rows, known = known or self._rows(unknowns, errors), None
             moved, errors = self._moved(rows, errors), [part.error for part in rows]
             misclosure, jacobian = self.target.stacked(rows, unknowns, self.chart, self.shared)
             finite = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)) & np.isfinite(misclosure).all(axis=-1))
@@ -183,8 +204,15 @@ class Likelihood:
         return Stationary(unknowns, settled, finite, misclosure, jacobian, local, rows, iterations)
 
 
+def _members(array: npt.NDArray[Any], which: BoolArray) -> Any:
+    """Some members as a flat batch; a single problem as it is."""
+    return array[which] if which.ndim else array
+
+
 def _merged(kept: Stationary, new: Stationary, where: BoolArray) -> Stationary:
-    """`kept`, with the flat batch `new` at the members `where`."""
+    """`kept`, with the flat batch `new` at the members `where`; a single problem is replaced."""
+    if where.ndim == 0:
+        return new
 
     def merged(old: Any, fresh: Any) -> Any:
         if isinstance(fresh, np.ndarray):

@@ -93,7 +93,8 @@ class MaximumLikelihood:
         shared = shared_places(rows)
         problem = Likelihood(target, target.chart(self.unit_norm, shared.count), shared)
         freedom = degrees_of_freedom(target, rows, problem.chart)
-        end = problem.maximum(start, self.max_iterations, near=self.start is None and target.is_linear)
+        near = rows if self.start is None and target.is_linear else None
+        end = problem.maximum(start, self.max_iterations, near)
         return replace(
             _estimate(problem, end, np.asarray(np.isfinite(start).all(axis=-1) & ~target.failed), unseen),
             degrees_of_freedom=freedom,
@@ -143,7 +144,7 @@ def _start_values(target: Implicit, given: Leg | Hexapod | None, chart: Chart) -
         return target.start(), ()
     problem = target.linear()
     if len(chart.units) == 1:
-        found = UnitNormLeastSquares(target.unit_vectors[0]).fit(problem)
+        found = UnitNormLeastSquares(target.unit_vectors[0], covariance=False).fit(problem)
         if found.ok if found.values.ndim == 1 else found.ok.all():
             return found.values, ()
     solution = solve(problem.matrix, problem.rhs, inverse=False)

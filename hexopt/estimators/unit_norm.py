@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ..numerics.lstsq import EPS, GRAM_LIMIT, LstsqSolution, solve
 from ..numerics.sphere import SphereMinimum, minimise_on_sphere
 from ..problem import LinearProblem, Whitening
 from ..result import Certificate, Estimate, Status
-from .least_squares import check_rows, linear_uncertainty, unseen_combinations
+from .least_squares import check_rows, degrees_of_freedom, linear_uncertainty, unseen_combinations
 
 __all__ = ["UnitNormLeastSquares"]
 
@@ -37,6 +37,8 @@ class UnitNormLeastSquares:
     weights : None or "model", default None
         As in :class:`LeastSquares`: raw rows; or rows whitened by the noise model, whose covariance is evaluated
         at the unweighted solution without the unit norm, or at ``linear(at=…)``.
+    covariance : bool, default True
+        Whether to compute the covariance and the influence.
 
     Raises
     ------
@@ -83,6 +85,7 @@ class UnitNormLeastSquares:
 
     block: str = "direction"
     weights: Literal["model"] | None = None
+    covariance: bool = True
 
     accepts: ClassVar[tuple[type, ...]] = (LinearProblem,)
     hint: ClassVar[str] = 'write estimate(FixedDirection(data).linear("direct"), UnitNormLeastSquares())'
@@ -107,9 +110,9 @@ class UnitNormLeastSquares:
         codes = np.where(proof.ok, Status.OPTIMAL, Status.INACCURATE)
         codes = np.where(plain.full_rank & minimum.unique, codes, Status.RANK_DEFICIENT).astype(np.int8)
         good = codes == Status.OPTIMAL
-        uncertainty = linear_uncertainty(target, reduced.tangent(minimum.values, objective), reduced.root, values)
+        uncertainty = self._uncertainty(target, reduced, minimum.values, objective, values)
         for name in ("covariance", "influence"):
-            if uncertainty[name] is not None and not good.all():
+            if uncertainty.get(name) is not None and not good.all():
                 trailing = uncertainty[name].ndim - good.ndim
                 uncertainty[name] = np.where(good.reshape(good.shape + (1,) * trailing), uncertainty[name], np.nan)
         return Estimate(
@@ -127,6 +130,17 @@ class UnitNormLeastSquares:
             dual_residual=proof.dual_residual,
             **uncertainty | {"degrees_of_freedom": uncertainty["degrees_of_freedom"] + 1},
         )
+
+    def _uncertainty(
+        self, target: LinearProblem, reduced: _Reduced, direction: Array, objective: Array, values: Array
+    ) -> dict[str, Any]:
+        if self.covariance:
+            return linear_uncertainty(target, reduced.tangent(direction, objective), reduced.root, values)
+        return {
+            "covariance": None,
+            "covariance_kind": "not asked for (covariance=False)",
+            "degrees_of_freedom": degrees_of_freedom(target),
+        }
 
     def certificate(self, target: LinearProblem, found: Estimate) -> Certificate:
         """What is proven of the values of `found`, whoever found them: the gap to the global minimum on the sphere."""

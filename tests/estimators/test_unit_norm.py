@@ -336,3 +336,13 @@ class TestWrongCalls:
     def test_weights_need_a_noise_model(self, left_hand):
         with pytest.raises(hx.InputError, match="the noise is unknown"):
             hx.estimate(problem_of(left_hand, 5), MODEL)
+
+
+def test_values_without_a_covariance(left_hand):
+    noise = hx.NormalNoise(0.01, 1e-4, 0.01)
+    problem = hx.loops.FixedDirection(hx.simulate_leg(left_hand, 3, "direction", 7, 3, noise=noise, rng=1)).linear()
+    found, full = (hx.estimate(problem, hx.UnitNormLeastSquares(covariance=value)) for value in (False, True))
+    np.testing.assert_array_equal(found.values, full.values)
+    assert found.degrees_of_freedom == full.degrees_of_freedom
+    assert (found.covariance, found.influence) == (None, None)
+    assert "not asked for" in found.covariance_kind
