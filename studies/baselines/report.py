@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import pandas as pd
-from matplotlib.figure import Figure
 
 import hexopt as hx
 from studies.baselines import figures, summaries, tables
@@ -15,8 +14,8 @@ from studies.baselines.methods import FK, IK, INNOCENTI
 from studies.baselines.scenarios import ERR, NOISES, OFF, SCENARIOS
 from studies.baselines.summaries import Rows
 from studies.harness import read_manifest
-from studies.harness.figures import save_figure, use_style
-from studies.harness.html import Report, Section, provenance
+from studies.harness.figures import use_style
+from studies.harness.html import Report, provenance
 
 __all__ = ["is_whole", "write"]
 
@@ -59,11 +58,6 @@ def is_whole(out: Path) -> bool:
     return {scenario.key for scenario in SCENARIOS if not scenario.part} <= set(read_manifest(out)["scenarios"])
 
 
-def _draw(section: Section, figure: Figure, out: Path, name: str, caption: str, alt: str) -> None:
-    save_figure(figure, out / "figures", name)
-    section.figure(figure, caption, alt=alt)
-
-
 def _claims_section(report: Report, every: Rows) -> None:
     found = claims(every)
     held = [claim.holds for claim in found]
@@ -93,7 +87,7 @@ def _error_section(report: Report, every: Rows, out: Path, ranges: str) -> None:
         alt = (
             f"RMS error of the {name} over the Cramér–Rao bound against the number of poses, a panel for each setting."
         )
-        _draw(section, figure, out, f"efficiency-{block}", caption, alt)
+        section.drawn(figure, out, f"efficiency-{block}", caption, alt)
     for noise, (_, level) in NOISES.items():
         section.table(
             tables.errors(table, noise),
@@ -121,9 +115,7 @@ def _basin_section(report: Report, every: Rows, out: Path, ranges: str) -> None:
         "ML needs no guess for two Type I sets, nor does any linear method.",
     )
     caption = f"Bars are 95 % Monte-Carlo intervals. N = 10 (of two Type I sets: 5 each). Ranges: {ranges}."
-    _draw(
-        section, figures.basin(table), out, "basin", caption, "Share of good starts against the error of the nominal."
-    )
+    section.drawn(figures.basin(table), out, "basin", caption, "Share of good starts against the error of the nominal.")
     section.table(
         tables.convergence(table),
         "Per cent of starts that lead to the truth; in brackets: that end elsewhere with the status of a success.",
@@ -141,7 +133,7 @@ def _together_section(report: Report, every: Rows, out: Path) -> None:
         "true position inside the stated intervals? Right: b of a LEG set is used to find a from a LENGTH set.",
     )
     caption = f"Bars are 95 % Monte-Carlo intervals; grey: 95 ± 1. {at_home.sets.min()} and {steps.sets.min()} sets."
-    _draw(section, figures.coverage(at_home, steps), out, "coverage", caption, "Coverage with and without coupling.")
+    section.drawn(figures.coverage(at_home, steps), out, "coverage", caption, "Coverage with and without coupling.")
 
 
 def _innocenti_section(report: Report, every: Rows, out: Path) -> None:
@@ -153,7 +145,7 @@ def _innocenti_section(report: Report, every: Rows, out: Path) -> None:
         "± 35°, length 17–20.3 cm, and three cones of directions. The errors have heavy tails, so that the mean says "
         f"less than the median. Failures are left out: {(~rows.ok).mean():.1%} of {len(rows)} sets.",
     )
-    _draw(section, figures.innocenti(rows), out, "innocenti", "Seven poses of one length.", "Error factors by cone.")
+    section.drawn(figures.innocenti(rows), out, "innocenti", "Seven poses of one length.", "Error factors by cone.")
 
 
 def _running_section(report: Report, every: Rows, out: Path, ranges: str) -> None:
@@ -165,7 +157,7 @@ def _running_section(report: Report, every: Rows, out: Path, ranges: str) -> Non
         "normalised error, should be as large as the number of unknowns; a status INACCURATE says so.",
     )
     caption = f"Grey: single sets; thick: root mean square. Sets whose status is a success. Ranges: {ranges}."
-    _draw(section, figures.running(rows), out, "running", caption, "Running error and predicted error against poses.")
+    section.drawn(figures.running(rows), out, "running", caption, "Running error and predicted error against poses.")
     last = rows[(rows.poses_seen == rows.n_poses) & rows.nees.notna()]
     groups = last.groupby(["setting", "method", "off"], sort=False)
     table = groups.agg(

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 import hexopt as hx
 from studies.estimators import figures, tables
@@ -15,8 +14,8 @@ from studies.estimators.claims import TYPES, claims, coverage, efficiency, robus
 from studies.estimators.run import AXES, BOX, GLS, GROUP_HUBER, HUBER_BOX, LASSO, PAPER, POINTS, PRIOR
 from studies.estimators.scenarios import ERR, SCENARIOS, SHIFT, TOLERANCE, Tracker
 from studies.harness import aggregate, read_manifest
-from studies.harness.figures import save_figure, use_style
-from studies.harness.html import Report, Section, provenance
+from studies.harness.figures import use_style
+from studies.harness.html import Report, provenance
 
 VALUES = [
     *(f"{short}_{what}" for short in POINTS for what in ("error", "square", "bound", "linear_bound", "covered")),
@@ -113,11 +112,6 @@ def _claims_section(report: Report, table: pd.DataFrame, many: pd.DataFrame) -> 
     )
 
 
-def _draw(section: Section, figure: Figure, out: Path, name: str, caption: str, alt: str) -> None:
-    save_figure(figure, out / "figures", name)
-    section.figure(figure, caption, alt=alt)
-
-
 def _error_sections(report: Report, table: pd.DataFrame, out: Path, ranges: str) -> None:
     tracker = Tracker()
     said = {
@@ -138,7 +132,7 @@ def _error_sections(report: Report, table: pd.DataFrame, out: Path, ranges: str)
             bars += "Type I: the bound takes the direction as a unit vector, which no method here does; where it does "
             bars += "not, the bound is " + _free_direction(table, case) + " times as large for a. "
         caption = f"{said[case]}{bars}Ranges: {ranges}."
-        _draw(section, figure, out, name, caption, f"Dot chart: {title}, by method and number of poses.")
+        section.drawn(figure, out, name, caption, f"Dot chart: {title}, by method and number of poses.")
         section.table(
             tables.mean_errors(table, case), f"Mean error over {ERR} cm, ± 1 Monte-Carlo standard error; [failures]."
         )
@@ -164,7 +158,7 @@ def _nominal_section(report: Report, table: pd.DataFrame, out: Path, ranges: str
         f"(wrong) times the input error. Bars are 95 % Monte-Carlo intervals. Ranges: {ranges}."
     )
     figure = figures.nominals(table, (GLS, GROUP_HUBER), (PRIOR, BOX, HUBER_BOX, LASSO))
-    _draw(section, figure, out, "nominals", caption, "Dot chart: error by method with right and wrong nominals.")
+    section.drawn(figure, out, "nominals", caption, "Dot chart: error by method with right and wrong nominals.")
     for case, words in (
         ("two poses", "Two poses, right nominals"),
         ("wrong nominal", "Nominals off by five tolerances"),
@@ -183,11 +177,11 @@ def _coverage_section(report: Report, table: pd.DataFrame, many: pd.DataFrame, o
     cases = {"uniform": "uniform errors", "tracker": "a tracker's errors", "15 % bad": "15 % bad poses"}
     figure = figures.coverage_over_cases(table, cases)
     caption = f"Pooled over both locks, points and coordinates. Bars are 95 % Monte-Carlo intervals. Ranges: {ranges}."
-    _draw(section, figure, out, "coverage", caption, "Dot chart: coverage by method in three cases.")
+    section.drawn(figure, out, "coverage", caption, "Dot chart: coverage by method in three cases.")
     covered, near = coverage(many), efficiency(many)
     figure = figures.trial_coverage(covered)
     caption = f"Normal errors, {int(covered.sets.min())} sets a dot; grey: 95 ± 1. Ranges: {ranges}."
-    _draw(section, figure, out, "trials", caption, "Dot chart: coverage of three least-squares estimators against N.")
+    section.drawn(figure, out, "trials", caption, "Dot chart: coverage of three least-squares estimators against N.")
     section.table(
         pd.DataFrame(
             {

@@ -15,6 +15,7 @@ import matplotlib as mpl
 import pandas as pd
 from matplotlib.figure import Figure
 
+from studies.harness.figures import save_figure
 from studies.harness.store import read_manifest
 from studies.harness.tables import Format, table
 
@@ -72,6 +73,11 @@ class Section:
         kind, data = _image(figure)
         source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
         self.blocks.append({"kind": "figure", "source": source, "caption": caption, "alt": alt})
+
+    def drawn(self, figure: Figure, out: Path, name: str, caption: str, alt: str) -> None:
+        """Add a figure, and keep it as a file in ``out/figures``."""
+        save_figure(figure, out / "figures", name)
+        self.figure(figure, caption, alt=alt)
 
 
 @dataclass

@@ -13,6 +13,8 @@ LOOPS = {
     "FixedLeg": ("leg", hx.loops.FixedLeg),
     "FixedLength": ("length", hx.loops.FixedLength),
     "LegLength": ("none", hx.loops.LegLength),
+    "ReadLeg": ("leg", hx.loops.ReadLeg),
+    "ReadLength": ("length", hx.loops.ReadLength),
 }
 SIZES = {"platform_point": 3, "base_point": 3, "offset": 1, "gain": 1}
 CASES = [
@@ -51,7 +53,11 @@ def make(name, unknown, data, leg):
 
 
 def random_values(loop, batch=(), seed=2):
-    return np.random.default_rng(seed).uniform(1, 2, (*batch, loop.parameters.size))
+    """Values whose fixed point, where there is one, is far from the base joint."""
+    x = np.random.default_rng(seed).uniform(1, 2, (*batch, loop.parameters.size))
+    if "fixed_point" in loop.parameters:
+        x[..., loop.parameters["fixed_point"]] += 5.0
+    return x
 
 
 def changed(data, i, error):
