@@ -15,7 +15,7 @@ __all__ = ["WamplerImplicit"]
 class WamplerImplicit(MaximumLikelihood):
     r"""Implicit loops of unlocked poses: :math:`\min\tfrac12\sum e_i^T\Sigma_i^{-1}e_i`, :math:`g_i(x, m_i + e_i) = 0`.
 
-    Leg lengths and measured poses, inputs and outputs, are noisy alike, and no lock is used. It is
+    Leg lengths and measured poses, inputs and outputs, are noisy alike, and no lock is needed. It is
     :class:`MaximumLikelihood` by the name of its authors, for the targets that they had: the lengths of a leg, or of
     the whole robot.
 

@@ -31,10 +31,10 @@ def forward_kinematics(
 ) -> PoseSolution:
     r"""The pose (P, R) with :math:`\lVert P + R\,b_k - a_k\rVert = \gamma_k\rho_k + \delta_k`, k = 1…6.
 
-    Up to 40 poses have the same lengths. The one that is returned is reached from the start as the readings go
-    straight from the start's to the given ones: by damped Newton steps, :math:`R \to \exp([\delta\omega]_\times) R`,
-    that lower the misclosure and keep the sign of the Jacobian's determinant. No solution beyond a singular pose is
-    returned.
+    Up to 40 poses have the same lengths. The one that is returned is reached from the start by damped Newton steps,
+    :math:`R \to \exp([\delta\omega]_\times) R`, that lower the misclosure and keep the sign of the Jacobian's
+    determinant; as a rule it is the one to which the pose goes as the readings go straight from the start's to the
+    given ones, though far from the start another of that sign may be nearer.
 
     Parameters
     ----------
