@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -179,6 +179,11 @@ class LegMeasurements(_Poses):
             raise InputError("which leg was measured? give nominal=robot.leg(k)")
         return self.nominal.number
 
+    @property
+    def legs(self) -> tuple[int, ...]:
+        """The numbers of the legs that were measured: this one."""
+        return (self.leg,)
+
     def readings(self) -> Array:
         """The sensor readings; an error where none were taken."""
         if self.length is None:
@@ -228,6 +233,8 @@ class Measurements(_Poses):
     nominal : Hexapod, optional
     length_unit : str, optional
     """
+
+    legs: ClassVar[tuple[int, ...]] = (1, 2, 3, 4, 5, 6)
 
     position: Array
     rotation: Array

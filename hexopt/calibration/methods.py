@@ -154,7 +154,7 @@ def leg_views(data: LegMeasurements | Measurements, *, locked: bool = False) -> 
     """The legs that were measured in a set, by number; under `locked` the locked one alone, or all where none is."""
     if isinstance(data, LegMeasurements):
         return [(data.leg, data)]
-    numbers = range(1, 7) if data.locked_leg is None or not locked else [data.locked_leg]
+    numbers = data.legs if data.locked_leg is None or not locked else (data.locked_leg,)
     return [(number, data.leg(number)) for number in numbers]
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import Array, BoolArray, matvec, norm
-from ..loops.implicit import Implicit, Rows, SharedPlaces, WhitenedRows, shared_places
+from ..loops.implicit import Implicit
+from ..loops.rows import SharedPlaces, WhitenedRows
 from ..numerics.charts import Chart
 from ..numerics.lm import levenberg_marquardt
 from ..numerics.lstsq import LstsqSolution, solve
@@ -128,13 +129,8 @@ class Likelihood:
 
     def _raw_rows(self, values: Array) -> tuple[Array, Array]:
         """Unweighted rows, (..., M) and (..., M, q), where nothing is shared."""
-        rows = []
-        for part, place in self.target.parts:
-            x = values[..., place]
-            residual = part.residual(x)
-            rows.append(Rows(residual, part.jacobian(x), np.zeros((*residual.shape, 0)), ()))
-        chart = Chart(values.shape[-1], self.chart.units)
-        return self.target.stacked(rows, values, chart, shared_places(rows))
+        misclosure, jacobian = self.target.direct_rows(values)
+        return misclosure, Chart(values.shape[-1], self.chart.units).reduced(jacobian, values)
 
     def _settled_rows(self, unknowns: Array) -> tuple[Array, Array]:
         """Whitened rows, (..., M) and (..., M, q), at measurements that agree with the unknowns."""

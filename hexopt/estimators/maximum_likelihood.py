@@ -10,7 +10,8 @@ import numpy as np
 from ..arrays import Array, BoolArray, transpose
 from ..errors import InputError
 from ..geometry import Hexapod, Leg
-from ..loops.implicit import Implicit, WhitenedRows, check_errors, degrees_of_freedom, shared_places
+from ..loops.implicit import Implicit, check_errors, degrees_of_freedom
+from ..loops.rows import WhitenedRows, shared_places
 from ..numerics.charts import Chart
 from ..numerics.lstsq import solve
 from ..result import Estimate, Status

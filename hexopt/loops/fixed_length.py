@@ -12,7 +12,7 @@ from ..arrays import Array
 from ..measurements import LegMeasurements, Lock
 from ..rotations.checks import turning_columns
 from .base import Loop
-from .implicit import Members, picked
+from .rows import Members, picked
 
 __all__ = ["FixedLength"]
 

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import Array, BoolArray, transpose
 from ..errors import InputError, RankDeficientError
@@ -21,69 +19,9 @@ from ..numerics.charts import Chart
 from ..numerics.lstsq import null_combinations, solve_svd
 from ..parameters import Parameters
 from ..problem import LinearProblem
+from .rows import Members, Place, Rows, SharedPlaces, WhitenedRows, shared_places
 
-__all__ = [
-    "Implicit",
-    "Members",
-    "Place",
-    "Rows",
-    "SharedPlaces",
-    "WhitenedRows",
-    "check_errors",
-    "degrees_of_freedom",
-    "picked",
-    "shared_places",
-]
-
-#: Places of a set's parameters among those of a model.
-Place = npt.NDArray[np.intp]
-
-
-#: Members of a batch: as many index arrays as it has dimensions.
-Members = tuple[npt.NDArray[np.intp], ...]
-
-
-def picked(array: Any, core: int, batch: tuple[int, ...], which: Members) -> Any:
-    """The members of an array whose last `core` dimensions are no batch, and whose others broadcast to it."""
-    whole = np.asarray(array)
-    return np.broadcast_to(whole, (*batch, *whole.shape[whole.ndim - core :]))[which]
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Rows of one set.
-
-    Attributes
-    ----------
-    misclosure : ndarray, shape (..., n, d)
-    jacobian : ndarray, shape (..., n, d, p)
-        By the parameters of the set.
-    common : ndarray, shape (..., n, d, r)
-        By standard errors of what the poses of the set share; r may be 0.
-    sources : tuple of (object, int)
-        Where these come from, and how many columns each has: an estimate, which several sets may share, or None.
-    """
-
-    misclosure: Array
-    jacobian: Array
-    common: Array
-    sources: tuple[tuple[Any, int], ...]
-
-
-@dataclass(frozen=True)
-class WhitenedRows(Rows):
-    """Rows of unit variance of one set.
-
-    Attributes
-    ----------
-    root : ndarray, shape (..., n, d, d)
-        The left factor that whitened them.
-    error : ndarray, shape (..., n, e)
-        The errors of the measurements that make the equations hold.
-    """
-
-    root: Array
-    error: Array
+__all__ = ["Implicit", "check_errors", "degrees_of_freedom"]
 
 
 class Implicit(ABC):
@@ -223,6 +161,14 @@ class Implicit(ABC):
         size = self.parameters.size
         return tuple(self.parameters.combination((basis @ vector)[:size], threshold=0.05) for vector in unseen)
 
+    def direct_rows(self, values: Array) -> tuple[Array, Array]:
+        """The unweighted rows of all sets below each other, (..., M), and their Jacobian by the values, (..., M, p)."""
+        rows = []
+        for part, place in self.parts:
+            residual = part.residual(values[..., place])
+            rows.append(Rows(residual, part.jacobian(values[..., place]), np.zeros((*residual.shape, 0)), ()))
+        return self.stacked(rows, values, self.chart(unit_norm=False), shared_places(rows))
+
     def stacked(self, rows: Sequence[Rows], unknowns: Array, chart: Chart, shared: SharedPlaces) -> tuple[Array, Array]:
         """All sets below each other: misclosures (..., M), and the Jacobian by free coordinates, (..., M, q).
 
@@ -259,43 +205,11 @@ class Implicit(ABC):
         return out
 
 
-@dataclass(frozen=True)
-class SharedPlaces:
-    """Where the shared errors of every set stand among all; what several sets take from one estimate is one error.
-
-    Attributes
-    ----------
-    of_sets : tuple of ndarray of int
-    count : int
-    """
-
-    of_sets: tuple[Place, ...]
-    count: int
-
-
-def shared_places(rows: Sequence[Rows]) -> SharedPlaces:
-    """The places of shared errors from their sources."""
-    known: dict[int, Place] = {}
-    of_sets, count = [], 0
-    for part in rows:
-        places = [np.zeros(0, dtype=np.intp)]
-        for source, width in part.sources:
-            place = known.get(id(source)) if source is not None else None
-            if place is None:
-                place = np.arange(count, count + width)
-                count += width
-            if source is not None:
-                known[id(source)] = place
-            places.append(place)
-        of_sets.append(np.concatenate(places))
-    return SharedPlaces(tuple(of_sets), count)
-
-
 def check_errors(model: Implicit, values: Array, rows: Sequence[WhitenedRows]) -> None:
     """A noise model that leaves an equation without any error is a wrong call: that equation cannot be weighted."""
     for whitened, (part, place) in zip(rows, model.parts, strict=True):
-        known = np.isfinite(part.residual(values[..., place])).all(axis=(-2, -1))
-        if (known & ~np.isfinite(whitened.root).all(axis=(-3, -2, -1))).any():
+        rootless = ~np.isfinite(whitened.root).all(axis=(-3, -2, -1))
+        if rootless.any() and (rootless & np.isfinite(part.residual(values[..., place])).all(axis=(-2, -1))).any():
             raise InputError(
                 f"{type(model).__name__}: the noise model leaves some equations without any error, so they cannot be "
                 "weighted; give every reading that enters them a noise level > 0"

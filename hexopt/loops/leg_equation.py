@@ -20,8 +20,8 @@ from ..measurements import LegMeasurements, Lock
 from ..parameters import Block, Parameters
 from ..problem import RowCovariance
 from ..result import Estimate
-from .implicit import Members, picked
 from .known import Known, KnownValues, check_estimate_unit, chosen_unknown, known_values
+from .rows import Members, picked
 from .set_equation import SetEquation
 
 __all__ = ["LegEquation"]

@@ -16,7 +16,7 @@ from ..problem import LinearProblem, RowNoise
 from .base import Loop
 from .joined_noise import JoinedNoise, Place
 
-__all__ = ["Part", "check_alike", "joined_names", "joined_parameters", "places_of", "share_a_pose"]
+__all__ = ["Part", "check_alike", "joined_names", "joined_parameters", "numbered", "places_of", "share_a_pose"]
 
 
 @dataclass(frozen=True)
@@ -116,13 +116,19 @@ def joined_names(who: str, parts: Sequence[Part]) -> list[dict[str, str]]:
         for block in part.target.parameters
         if block.nuisance
     ]
-    count, seen = Counter(own[name] for own, name in owned), Counter[str]()
-    for own, name in owned:
-        joined = own[name]
-        seen[joined] += 1
-        if count[joined] > 1:
-            own[name] = f"{joined}.{seen[joined]}"
+    for (own, name), joined in zip(owned, numbered([own[name] for own, name in owned]), strict=True):
+        own[name] = joined
     return names
+
+
+def numbered(names: Sequence[str]) -> list[str]:
+    """Names in their order, where those that several sets have are told apart: "direction.1", "direction.2"."""
+    count, seen = Counter(names), Counter[str]()
+    seen_as = []
+    for name in names:
+        seen[name] += 1
+        seen_as.append(f"{name}.{seen[name]}" if count[name] > 1 else name)
+    return seen_as
 
 
 def _prefix(who: str, part: Part) -> str:

@@ -18,10 +18,10 @@ from .base import Loop
 from .fixed_direction import FixedDirection
 from .fixed_leg import FixedLeg
 from .fixed_length import FixedLength
-from .implicit import Members, Place
 from .leg_length import LegLength
 from .legs import leg_parameters
 from .read_lock import ReadLeg, ReadLength
+from .rows import Members, Place
 from .set_equation import SetEquation
 
 __all__ = ["RobotSet"]
@@ -56,10 +56,9 @@ class RobotSet(SetEquation):
 
     def __init__(self, data: Measurements | LegMeasurements, unknown: Sequence[str], known: Mapping[int, Leg]) -> None:
         self.data = data
-        numbers = (data.leg,) if isinstance(data, LegMeasurements) else (1, 2, 3, 4, 5, 6)
         #: The equation of every leg, by its number.
-        self.legs = {k: _leg_equation(data, k, unknown, known[k]) for k in numbers}
-        main = leg_parameters(unknown, numbers, data.length_unit)
+        self.legs = {k: _leg_equation(data, k, unknown, known[k]) for k in data.legs}
+        main = leg_parameters(unknown, data.legs, data.length_unit)
         nuisance = [block for loop in self.legs.values() for block in loop.parameters if block.nuisance]
         self.parameters = Parameters((*main.blocks, *nuisance))
         self.n_readings = len(self.legs)

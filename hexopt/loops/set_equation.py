@@ -14,8 +14,9 @@ from ..arrays import Array, matvec, transpose
 from ..errors import InputError
 from ..numerics.roots import inverse_cholesky
 from ..rotations import rotation_vector_jacobian
-from .implicit import Implicit, Members, Place, WhitenedRows, picked
+from .implicit import Implicit
 from .known import square_root
+from .rows import Members, Place, WhitenedRows, picked
 
 __all__ = ["SetEquation"]
 

@@ -15,10 +15,11 @@ from ..geometry import Hexapod, Leg
 from ..problem import LinearProblem
 from ..result import Estimate
 from .base import Loop
-from .implicit import Implicit, Members, Place, picked
+from .implicit import Implicit
 from .joining import join
 from .leg_length import hidden_from_all
 from .parts import Part, check_alike, joined_names, joined_parameters, places_of
+from .rows import Members, Place, picked
 from .set_equation import SetEquation
 
 __all__ = ["Sets"]
@@ -157,20 +158,8 @@ class Sets(Implicit):
 
     def residual(self, x: npt.ArrayLike | Leg | Hexapod | Estimate) -> Array:
         """The direct misclosures of all sets, one below the other, shape (..., rows)."""
-        values = self.values(x)
-        rows = [loop.residual(values[..., place]) for loop, place in zip(self.loops, self._places, strict=True)]
-        batch = np.broadcast_shapes(*(part.shape[:-2] for part in rows))
-        return np.concatenate([np.broadcast_to(r, (*batch, *r.shape[-2:])).reshape(*batch, -1) for r in rows], axis=-1)
+        return self.direct_rows(self.values(x))[0]
 
     def jacobian(self, x: npt.ArrayLike | Leg | Hexapod | Estimate) -> Array:
         """Their derivatives by all parameters, shape (..., rows, p)."""
-        values = self.values(x)
-        columns = [
-            self._spread(loop.jacobian(values[..., place]), place)
-            for loop, place in zip(self.loops, self._places, strict=True)
-        ]
-        batch = np.broadcast_shapes(*(part.shape[:-3] for part in columns))
-        size = self.parameters.size
-        return np.concatenate(
-            [np.broadcast_to(c, (*batch, *c.shape[-3:])).reshape(*batch, -1, size) for c in columns], axis=-2
-        )
+        return self.direct_rows(self.values(x))[1]

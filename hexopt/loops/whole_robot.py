@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Self
@@ -23,12 +22,13 @@ from .base import Loop
 from .fixed_direction import FixedDirection
 from .fixed_leg import FixedLeg
 from .fixed_length import FixedLength
-from .implicit import Implicit, Members, Place
+from .implicit import Implicit
 from .known import chosen_unknown
 from .leg_length import hidden_from_all
 from .legs import leg_parameters, leg_values
-from .parts import share_a_pose
+from .parts import numbered, share_a_pose
 from .robot_set import RobotSet
+from .rows import Members, Place
 from .set_equation import SetEquation
 
 __all__ = ["WholeRobot"]
@@ -232,8 +232,7 @@ def _nominal_legs(sets: Sequence[Measurements | LegMeasurements], nominal: Hexap
     """A leg for every number that is measured."""
     legs: dict[int, Leg] = {}
     for data in sets:
-        numbers = (data.leg,) if isinstance(data, LegMeasurements) else (1, 2, 3, 4, 5, 6)
-        for k in numbers:
+        for k in data.legs:
             lender = nominal or data.nominal
             if lender is None:
                 raise InputError("WholeRobot needs a nominal robot, for what is known and for a start; give nominal=…")
@@ -244,13 +243,7 @@ def _nominal_legs(sets: Sequence[Measurements | LegMeasurements], nominal: Hexap
 def _nuisances(equations: Sequence[RobotSet]) -> tuple[list[dict[str, str]], list[Block]]:
     """The joined names of every set's nuisances, and their blocks; names that several sets have are numbered."""
     own = [[block for block in equation.parameters if block.nuisance] for equation in equations]
-    count, seen = Counter(block.name for blocks in own for block in blocks), Counter[str]()
-    renamed, joined = [], []
-    for blocks in own:
-        names = {}
-        for block in blocks:
-            seen[block.name] += 1
-            names[block.name] = f"{block.name}.{seen[block.name]}" if count[block.name] > 1 else block.name
-            joined.append(replace(block, name=names[block.name]))
-        renamed.append(names)
-    return renamed, joined
+    names = iter(numbered([block.name for blocks in own for block in blocks]))
+    joined = [[replace(block, name=next(names)) for block in blocks] for blocks in own]
+    renamed = [{old.name: new.name for old, new in zip(*both, strict=True)} for both in zip(own, joined, strict=True)]
+    return renamed, [block for blocks in joined for block in blocks]

@@ -10,8 +10,9 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..loops import LegLength, Loop, PlatformPose
-from ..loops.implicit import Implicit, Place
+from ..loops.implicit import Implicit
 from ..loops.robot_set import RobotSet
+from ..loops.rows import Place
 from ..loops.set_equation import SetEquation
 from .evaluation import pose_arguments
 from .models import loop_function
