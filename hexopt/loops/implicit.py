@@ -98,14 +98,41 @@ class Implicit(ABC):
         InputError
             If a set has no noise model, or one that leaves an equation without any error.
         """
+        free = self.chart().free
+        return self.joint_information(x)[0][..., :free, :free]
+
+    def joint_information(self, x: Any, over: Implicit | None = None) -> tuple[Array, Array]:
+        r"""Information that each pose brings of the parameters and of what the poses share, and what is there before.
+
+        Parameters
+        ----------
+        x : values, geometry or Estimate
+            Where it is evaluated.
+        over : Implicit, optional
+            The same equations over other poses under the same clamps: the information of those poses.
+
+        Returns
+        -------
+        blocks : ndarray, shape (..., n, q + r, q + r)
+            Of the free coordinates, as in :meth:`information`, and of the r shared errors (a common error of all
+            poses, the error of known values), in their standard deviations.
+        prior : ndarray, shape (q + r, q + r)
+            What is known without any pose: the unit variances of the shared errors.
+        """
         chart = self.chart()
-        values, rows = self._rows_at(x, chart)
+        values, rows = self._rows_at(x, chart, over)
+        shared = shared_places(rows)
         blocks = []
-        for part, (_, place) in zip(rows, self.parts, strict=True):
+        for part, (_, place), common in zip(rows, self.parts, shared.of_sets, strict=True):
             reduced = chart.reduced(self._spread(part.jacobian, place), values[..., None, :])
-            blocks.append(transpose(reduced) @ reduced)
+            wide = np.zeros((*reduced.shape[:-1], chart.free + shared.count))
+            wide[..., : chart.free] = reduced
+            wide[..., chart.free + common] = part.common
+            blocks.append(transpose(wide) @ wide)
         batch = np.broadcast_shapes(*(block.shape[:-3] for block in blocks))
-        return np.concatenate([np.broadcast_to(block, (*batch, *block.shape[-3:])) for block in blocks], axis=-3)
+        whole = [np.broadcast_to(block, (*batch, *block.shape[-3:])) for block in blocks]
+        prior = np.diag(np.repeat([0.0, 1.0], [chart.free, shared.count]))
+        return whole[0] if len(whole) == 1 else np.concatenate(whole, axis=-3), prior
 
     def crlb(self, x: Any) -> Array:
         r"""The Cramér–Rao bound: the least covariance of any unbiased estimate under normal noise, (..., m, m).
@@ -148,10 +175,14 @@ class Implicit(ABC):
         covariance = gain[..., main, :] @ transpose(gain[..., main, :])
         return np.where(finite[..., None, None], covariance, np.nan)
 
-    def _rows_at(self, x: Any, chart: Chart) -> tuple[Array, list[WhitenedRows]]:
-        """Values with unit vectors of unit length, and the rows of every set there."""
+    def _rows_at(self, x: Any, chart: Chart, over: Implicit | None = None) -> tuple[Array, list[WhitenedRows]]:
+        """Values with unit vectors of unit length, and the rows of every set there, or of other poses."""
         values = chart.normalised(self.values(x))
-        rows = [part.whitened(values[..., place]) for part, place in self.parts]
+        parts = [part for part, _ in self.parts]
+        if over is not None:
+            parts = [part.over(other.data) for part, (other, _) in zip(parts, over.parts, strict=True)]
+        places = [place for _, place in self.parts]
+        rows = [part.whitened(values[..., place]) for part, place in zip(parts, places, strict=True)]
         check_errors(self, values, rows)
         return values, rows
 

@@ -87,6 +87,13 @@ class SetEquation(Implicit):
         moved.data = data
         return moved
 
+    def over(self, data: Any) -> Self:
+        """The same equation, with the same known values, over other poses."""
+        other = self.on(data)
+        for name in ("error_covariance", "error_scale"):
+            vars(other).pop(name, None)  # of the poses before
+        return other
+
     def take(self, which: Members, batch: tuple[int, ...]) -> Self:
         """The same equation of some members of a batch, as one flat batch."""
         data = self.data

@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import replace
-from functools import cached_property
 from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, LockError, UnitError
-from ..loops import FixedLength, Loop
+from ..loops import Loop
 from ..measurements import LegMeasurements
 
-__all__ = ["check_gate", "check_noise", "check_state", "merged", "next_pose", "over"]
-
-
-def over(loop: Loop, data: LegMeasurements) -> Loop:
-    """The same equation with the same known values, unknowns and origin, over other poses."""
-    other = copy(loop)
-    for name in [name for name in vars(other) if isinstance(getattr(type(other), name, None), cached_property)]:
-        del vars(other)[name]  # computed from the loop's own poses
-    other.data = data
-    if isinstance(loop, FixedLength) and isinstance(other, FixedLength):
-        vars(other)["origin"] = loop.origin  # else the sphere of each pose would be another unknown
-    return other
+__all__ = ["check_gate", "check_noise", "check_state", "merged", "next_pose"]
 
 
 def check_state(state: object, kind: type) -> None:
@@ -57,7 +44,7 @@ def next_pose(loop: Loop, pose: LegMeasurements) -> Loop:
     if pose.nominal is not None:
         loop._check_leg(pose.nominal)
     check_noise(type(loop).__name__, pose.noise)
-    return over(loop, pose)
+    return loop.over(pose)
 
 
 def merged(before: Loop | None, pose: Loop) -> Loop:
@@ -72,7 +59,7 @@ def merged(before: Loop | None, pose: Loop) -> Loop:
         rotation=np.concatenate([one.rotation, two.rotation], axis=-3),
         length=length,
     )
-    both = over(before, data)
+    both = before.over(data)
     covariances = [before.error_covariance, pose.error_covariance]  # every pose keeps its own noise
     vars(both)["error_covariance"] = np.concatenate(covariances, axis=-3)
     return both
