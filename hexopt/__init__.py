@@ -32,6 +32,16 @@ _HOMES = {
     "forward": "PoseSolution forward_kinematics",
     "loops.joining": "join",
     "simulation": "simulate simulate_leg",
+    "pools": "candidates candidates_at",
+    "observing": "Observability observability",
+    "selection.choosing": "select_poses",
+    "selection.design": "Design",
+    "selection.criteria": "AOptimal Criterion DOptimal EOptimal",
+    "selection.indices": "ConditionNumber ObservabilityIndex",
+    "selection.prediction": "GOptimal",
+    "selection.lock_choice": "LockChoice select_lock",
+    "selection.refinement": "refine_poses",
+    "selection.ordering": "measuring_order",
     "losses": "Chebyshev GroupHuber GroupL1 Huber L1 Quadratic",
     "priors": "GaussianPrior Lasso Ridge",
     "constraints": "Ball Box Linear",
@@ -51,9 +61,10 @@ _HOMES = {
     "sequential": "Recursive RecursiveState Unscented UnscentedState",
     "calibration": "Calibration FreePoses Joint OneStep ThreeStep calibrate pose_covariance",
     "readers": "read_measurements write_measurements",
+    "report": "design_report",
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
-_MODULES = ("errors", "loops", "robots", "rotations", "symbolic", "testing")
+_MODULES = ("errors", "loops", "plots", "robots", "rotations", "symbolic", "testing")
 
 __all__ = sorted([*_HOME_OF, *_MODULES, "__version__"])  # built from the table above
 

@@ -19,11 +19,20 @@ from .errors import InputError, RankDeficientError
 from .loops.clamps import clamp_difference
 from .loops.implicit import Implicit
 from .numerics.forms import Direct
-from .parameters import Parameters
+from .numerics.lstsq import null_combinations
+from .parameters import Block, Parameters
 from .problem import LinearProblem
 from .result import Estimate
 
-__all__ = ["PoseInformation", "main_covariance", "pose_information"]
+__all__ = [
+    "PoseInformation",
+    "chosen_scalars",
+    "expected_spreads",
+    "inverse_root",
+    "main_covariance",
+    "pose_information",
+    "scenario_values",
+]
 
 #: Eigenvalues of M(w), with a unit diagonal, below this are rounding: the poses do not see all parameters.
 RANK = 1e-12
@@ -53,7 +62,7 @@ class PoseInformation:
 
     def __post_init__(self) -> None:
         for name in ("blocks", "fixed", "spread"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+            object.__setattr__(self, name, frozen(np.ascontiguousarray(getattr(self, name))))
 
     @property
     def n_poses(self) -> int:
@@ -74,26 +83,45 @@ class PoseInformation:
         """Some of the poses."""
         return replace(self, blocks=self.blocks[:, index])
 
-    def total(self, weights: Array) -> Array:
+    def total(self, weights: npt.NDArray[Any]) -> Array:
         r""":math:`M(w)` of weights (n,), shape (S, m, m)."""
         used = np.flatnonzero(weights)
-        return self.fixed + np.tensordot(self.blocks[:, used], weights[used], axes=(1, 0))
+        blocks = self.blocks if len(used) == len(weights) else self.blocks[:, used]
+        return self.fixed + (weights[used] @ blocks.reshape(*blocks.shape[:2], self.size**2)).reshape(self.fixed.shape)
+
+    def unseen(self, total: Array) -> tuple[str, ...]:
+        """What one singular information matrix (m, m) does not see, in words."""
+        scale = np.sqrt(np.diag(total))
+        safe = np.where(scale > 0, scale, 1.0)
+        scaled = total / safe[:, None] / safe
+        lost = int((np.linalg.eigvalsh(scaled) <= RANK).sum())
+        scalars = Parameters(tuple(Block(label, 1, unit) for label, unit in zip(self.labels, self.units, strict=True)))
+        words = []
+        for vector in null_combinations(scaled, threshold=0.05, at_least=max(lost, 1)) / safe:
+            main = vector[: self.main] * self.spread
+            words.append(scalars.combination(main) if np.abs(main).max() > 0 else "something estimated on the way")
+        return tuple(words)
 
     def covariance(self, weights: Array) -> Array:
         r""":math:`K^T M(w)^{-1} K`, shape (S, k, k), in units of the spread; infinite where M(w) is singular."""
         return main_covariance(self.total(weights), self.main)
 
 
-def main_covariance(total: Array, main: int) -> Array:
-    """The first k rows and columns of the inverses of (..., m, m); infinite on the diagonal where there is none."""
+def inverse_root(total: Array) -> tuple[Array, BoolArray]:
+    r"""R with :math:`R R^T = M^{-1}` for matrices (..., m, m), and which of them have an inverse, shape (...)."""
     scale = np.sqrt(np.einsum("...ii->...i", total))
     safe = np.where(scale > 0, scale, 1.0)
     scaled = total / safe[..., :, None] / safe[..., None, :]
     finite: BoolArray = np.asarray(np.isfinite(scaled).all(axis=(-2, -1)))
     values, vectors = np.linalg.eigh(np.where(finite[..., None, None], scaled, 0.0))
     seen = (values[..., 0] > RANK) & finite
-    root = vectors[..., :main, :] / np.sqrt(np.where(seen[..., None], values, 1.0))[..., None, :]
-    root = root / safe[..., :main, None]
+    return vectors / np.sqrt(np.where(seen[..., None], values, 1.0))[..., None, :] / safe[..., None], seen
+
+
+def main_covariance(total: Array, main: int) -> Array:
+    """The first k rows and columns of the inverses of (..., m, m); infinite on the diagonal where there is none."""
+    root, seen = inverse_root(total)
+    root = root[..., :main, :]
     return np.where(seen[..., None, None], root @ transpose(root), np.diag(np.full(main, np.inf)))
 
 
@@ -133,12 +161,14 @@ def pose_information(
     RankDeficientError
         If the lock hides parameters, whatever the poses.
     """
+    if not isinstance(target, (Implicit, LinearProblem)):
+        raise InputError(f"expected a loop over the poses, such as FixedDirection(data), got {brief(target)}")
     parameters = target.parameters
-    main = _chosen(parameters, of)
-    sizes = _spreads(parameters, spread)
+    main = chosen_scalars(parameters, of)
+    sizes = expected_spreads(parameters, spread)
     if target.batch_shape:
         raise InputError(f"expected one set of poses, got a batch of {target.batch_shape}; take one, such as data[0]")
-    known = (measured,) if isinstance(measured, (Implicit, Estimate)) else tuple(measured)
+    known = tuple(measured) if isinstance(measured, (list, tuple)) else (measured,)
     if isinstance(target, LinearProblem):
         blocks, fixed = _of_problem(target)
         places = np.arange(parameters.size)
@@ -158,7 +188,8 @@ def pose_information(
         raise InputError("at: the information of some poses is not finite there; look for values that are NaN")
     first = np.flatnonzero(main[places])
     order = np.concatenate([first, np.setdiff1d(np.arange(blocks.shape[-1]), first)])
-    diagonal = np.einsum("snii->i", blocks) + np.einsum("...ii->i", fixed)
+    fixed = np.broadcast_to(fixed, (len(blocks), *fixed.shape[-2:]))
+    diagonal = np.einsum("snii->i", blocks) + np.einsum("sii->i", fixed)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     scale[first] = sizes[places[first]]
     order_scale = scale[order]
@@ -167,25 +198,28 @@ def pose_information(
     chosen = places[first]
     return PoseInformation(
         blocks[..., order[:, None], order] * both,
-        np.broadcast_to(fixed[..., order[:, None], order] * both, (len(blocks), *both.shape)),
+        fixed[..., order[:, None], order] * both,
         tuple(parameters.labels[i] for i in chosen),
         tuple(units_of[i] for i in chosen),
         sizes[chosen],
     )
 
 
+def scenario_values(model: Implicit, at: Any = None) -> Array:
+    """Values of every scenario, shape (S, p): of one place or a list of them, by default the start."""
+    many = at if isinstance(at, (list, tuple)) and not np.isscalar(at[0] if at else 0.0) else [at]
+    values = [model.start() if one is None else model.values(one) for one in many]
+    return np.concatenate([value.reshape(-1, model.parameters.size) for value in values])
+
+
 def _of_model(model: Implicit, at: Any, measured: Sequence[Implicit]) -> tuple[Array, Array]:
     """Blocks (S, n, m, m) of a loop, and what is there before: (m, m), or (S, m, m)."""
-    if not isinstance(model, Implicit):
-        raise InputError(f"expected a loop over the poses, such as FixedDirection(data), got {brief(model)}")
     if model.uncarried:
         raise InputError(f"no information: {model.uncarried}")
     if model.blind_spots:
         unseen = "; ".join(model.blind_spots)
         raise RankDeficientError(f"no choice of poses under this lock sees {unseen}", model.blind_spots)
-    many = at if isinstance(at, (list, tuple)) and not np.isscalar(at[0] if at else 0.0) else [at]
-    values = [model.start() if one is None else model.values(one) for one in many]
-    stacked = np.concatenate([value.reshape(-1, model.parameters.size) for value in values])
+    stacked = scenario_values(model, at)
     blocks, fixed = model.joint_information(stacked)
     for other in measured:
         _check_same_clamp(model, other)
@@ -253,7 +287,7 @@ def _named(argument: str, parameters: Parameters, given: str) -> list[str]:
     return found
 
 
-def _chosen(parameters: Parameters, of: Sequence[str] | None) -> BoolArray:
+def chosen_scalars(parameters: Parameters, of: Sequence[str] | None) -> BoolArray:
     """Which scalars are of interest, shape (p,)."""
     names = parameters.main.names if of is None else (of,) if isinstance(of, str) else tuple(of)
     if not names:
@@ -262,7 +296,7 @@ def _chosen(parameters: Parameters, of: Sequence[str] | None) -> BoolArray:
     return np.repeat([block.name in wanted for block in parameters], [block.size for block in parameters])
 
 
-def _spreads(parameters: Parameters, spread: Mapping[str, float] | None) -> Array:
+def expected_spreads(parameters: Parameters, spread: Mapping[str, float] | None) -> Array:
     """The expected spread of every scalar, shape (p,)."""
     sizes = np.array(parameters.scale)
     for given, value in (spread or {}).items():

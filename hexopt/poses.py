@@ -2,7 +2,7 @@ r"""Random poses under a lock, exact to rounding: :math:`P = a + \ell n - R\,b` 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from .kinematics import limit_violations, reachable
 from .measurements import Lock
 from .rotations import euler_to_matrix
 
-__all__ = ["limit_ranges", "sample_poses"]
+__all__ = ["PoseSampler", "hopeless", "limit_ranges", "refusing", "sample_poses"]
 
 MAX_ROUNDS = 200
 PATIENCE = 10  # rounds after which a set gives up the direction or length that it holds
@@ -22,6 +22,7 @@ FIRST_DRAWS = 2_000_000  # poses after which the rate of acceptance is trusted
 LOWEST_RATE = 1e-3  # below it, what would need more than so many draws in all is hopeless
 MOST_DRAWS = 50_000_000
 LARGEST_DRAW = 2_000_000  # poses at once, so that memory stays bounded
+FIRST_LOOK = 50_000  # poses that a set draws at most with a direction or length that has given none yet
 
 
 def limit_ranges(robot: Hexapod) -> PoseRanges:
@@ -43,7 +44,7 @@ def limit_ranges(robot: Hexapod) -> PoseRanges:
 
 
 @dataclass(frozen=True)
-class _Sampler:
+class PoseSampler:
     """Draws (ℓ, n, R) within the ranges of one leg, and places the platform."""
 
     robot: Hexapod
@@ -62,6 +63,7 @@ class _Sampler:
         return directions
 
     def lengths(self, shape: tuple[int, ...]) -> Array:
+        """Uniform between the shortest and the longest."""
         return self.rng.uniform(*self.ranges.length, shape)
 
     def locked(self, n_sets: int) -> tuple[Array | None, Array | None]:
@@ -143,7 +145,7 @@ def sample_poses(
     SamplingError
         If hardly any pose is accepted; the message says what fraction was, and which limit refuses most.
     """
-    sampler = _Sampler(robot, leg, lock, ranges, rng)
+    sampler = PoseSampler(robot, leg, lock, ranges, rng)
     n_sets, n_poses = shape
     if not all_legs and accept is None:
         return sampler.poses(n_sets, n_poses, sampler.locked(n_sets))
@@ -155,15 +157,28 @@ def sample_poses(
     return _Rejection(sampler, inside, n_sets, n_poses).run()
 
 
+def hopeless(drawn: int, accepted: int, missing: int) -> bool:
+    """Whether the poses that are still missing would need too many draws, at the rate of acceptance so far."""
+    if drawn < FIRST_DRAWS or accepted > LOWEST_RATE * drawn:
+        return False
+    return missing * drawn > MOST_DRAWS * accepted
+
+
+def refusing(violations: Mapping[str, BoolArray]) -> str:
+    """Which limit refuses what share of the poses, in words, the strictest first."""
+    shares = {name: float(bad.mean()) for name, bad in violations.items()}
+    return ", ".join(f"{name} refuses {share:.1%}" for name, share in sorted(shares.items(), key=lambda x: -x[1]))
+
+
 class _Rejection:
     """Fills every set with accepted poses.
 
     What a set holds is drawn together with its first pose, and drawn anew where it leaves hardly any
-    pose: held values are as frequent as they are useful.
+    pose: held values are as frequent as they are useful. Where a large set finds none, many are tried, one pose each.
     """
 
     def __init__(
-        self, sampler: _Sampler, inside: Callable[[Array, Array], BoolArray], n_sets: int, n_poses: int
+        self, sampler: PoseSampler, inside: Callable[[Array, Array], BoolArray], n_sets: int, n_poses: int
     ) -> None:
         self.sampler, self.inside, self.n_poses = sampler, inside, n_poses
         self.position = np.empty((n_sets, n_poses, 3))
@@ -179,31 +194,28 @@ class _Rejection:
             todo = np.flatnonzero(self.filled < self.n_poses)
             if not todo.size:
                 return self.position, self.rotation, self.length
-            if turn == MAX_ROUNDS or self._hopeless(todo):
+            missing = int((self.n_poses - self.filled[todo]).sum())
+            if turn == MAX_ROUNDS or hopeless(self.drawn, self.accepted, missing):
                 break
             if self.sampler.lock is not Lock.NONE and turn % PATIENCE == PATIENCE - 1:
                 self.filled[todo] = 0
             self._round(todo)
         raise SamplingError(self._message())
 
-    def _hopeless(self, todo: np.ndarray) -> bool:
-        """Whether the poses that are still missing would need too many draws, at the rate of acceptance so far."""
-        if self.drawn < FIRST_DRAWS or self.accepted > LOWEST_RATE * self.drawn:
-            return False
-        missing = int((self.n_poses - self.filled[todo]).sum())
-        return missing * self.drawn > MOST_DRAWS * self.accepted
-
     def _round(self, todo: np.ndarray) -> None:
         """One vectorised draw for the sets that still miss poses."""
         rate = max(self.accepted / self.drawn, 1e-3) if self.drawn else 0.5
         missing = int((self.n_poses - self.filled[todo]).max())
         count = int(np.clip(np.ceil(1.2 * missing / rate), 4, max(4, LARGEST_DRAW // todo.size)))
-        self._redraw_held(todo[self.filled[todo] == 0])
+        empty = todo[self.filled[todo] == 0]
+        if count > FIRST_LOOK and empty.size and self.sampler.lock is not Lock.NONE:
+            count = FIRST_LOOK
+            self._redraw_held(empty, tries=max(FIRST_LOOK // empty.size, 1))
+        else:
+            self._redraw_held(empty)
         held = tuple(None if part is None else part[todo] for part in self.held)
         position, rotation, length = self.sampler.poses(todo.size, count, held)  # type: ignore[arg-type]  # a pair
-        good = self.inside(position, rotation)
-        self.drawn += good.size
-        self.accepted += int(good.sum())
+        good = self._counted(position, rotation)
         place = self.filled[todo][:, None] + np.cumsum(good, axis=1) - 1
         good &= place < self.n_poses
         row, column = np.nonzero(good)
@@ -212,19 +224,27 @@ class _Rejection:
         self.length[target] = length[row, column]
         self.filled[todo] += good.sum(axis=1)
 
-    def _redraw_held(self, empty: np.ndarray) -> None:
-        """A new direction or length for sets that have no pose yet."""
-        if empty.size:
-            for part, new in zip(self.held, self.sampler.locked(empty.size), strict=True):
-                if part is not None and new is not None:
-                    part[empty] = new
+    def _counted(self, position: Array, rotation: Array) -> BoolArray:
+        """Which poses are accepted."""
+        good = self.inside(position, rotation)
+        self.drawn += good.size
+        self.accepted += int(good.sum())
+        return good
+
+    def _redraw_held(self, empty: np.ndarray, tries: int = 1) -> None:
+        """A new direction or length for sets that have no pose yet; of several the first with an accepted pose."""
+        drawn = self.sampler.locked(empty.size * tries)
+        which = np.arange(empty.size) * tries
+        if tries > 1:
+            position, rotation, _ = self.sampler.poses(which.size * tries, 1, drawn)
+            which += np.argmax(self._counted(position, rotation).reshape(-1, tries), axis=1)
+        for part, new in zip(self.held, drawn, strict=True):
+            if part is not None and new is not None:
+                part[empty] = new[which]
 
     def _message(self) -> str:
         position, rotation, _ = self.sampler.poses(2000, 1, self.sampler.locked(2000))
-        refused = {
-            name: float(bad.mean()) for name, bad in limit_violations(self.sampler.robot, position, rotation).items()
-        }
-        worst = ", ".join(f"{name} refuses {share:.1%}" for name, share in sorted(refused.items(), key=lambda x: -x[1]))
+        worst = refusing(limit_violations(self.sampler.robot, position, rotation))
         return (
             f"only {self.accepted} of {self.drawn} random poses ({self.accepted / self.drawn:.2g}) under the lock "
             f"{str(self.sampler.lock)!r} of leg {self.sampler.leg} were accepted"

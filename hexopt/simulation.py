@@ -15,10 +15,11 @@ from .measurements import LegMeasurements, Lock, Measurements
 from .noise import Noise
 from .poses import limit_ranges, sample_poses
 
-__all__ = ["simulate", "simulate_leg"]
+__all__ = ["check_robot", "simulate", "simulate_leg"]
 
 
-def _check_robot(robot: object) -> None:
+def check_robot(robot: object) -> None:
+    """Refuse what is no robot."""
     if not isinstance(robot, Hexapod):
         raise InputError(f"robot: expected a Hexapod, got {type(robot).__name__}")
 
@@ -89,7 +90,7 @@ def simulate_leg(
     >>> data.length.shape, str(data.lock)
     ((100, 7), 'length')
     """
-    _check_robot(robot)
+    check_robot(robot)
     true_leg = robot.leg(leg)
     generator = as_generator(rng)
     shape = (1 if n_sets is None else as_count("n_sets", n_sets), as_count("n_poses", n_poses))
@@ -152,7 +153,7 @@ def simulate(
     >>> data.length.shape, data.leg(3).lock, data.leg(1).lock
     ((7, 6), <Lock.DIRECTION: 'direction'>, <Lock.NONE: 'none'>)
     """
-    _check_robot(robot)
+    check_robot(robot)
     kind = Lock.of(lock)
     generator = as_generator(rng)
     n_built = as_count("n_sets", 1 if n_sets is None else n_sets)

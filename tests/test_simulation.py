@@ -205,6 +205,14 @@ class TestHopeless:
         data = hx.simulate_leg(robot, 3, "direction", 5, 40, all_legs=True, rng=0)
         assert hx.reachable(robot, data.position, data.rotation).all()
 
+    @pytest.mark.parametrize("seed", range(4))
+    def test_a_large_set_finds_a_clamp_that_leaves_poses(self, left_hand, seed):
+        """Few random points are within reach of a clamped leg, and a large set once gave up after two of them."""
+        data = hx.simulate(left_hand, "leg", n_poses=10_000, leg=3, rng=seed)
+        point, _, _ = geometry(left_hand, 3, data.leg(3))
+        assert np.ptp(point, axis=0).max() < 8 * EPS * left_hand.size
+        assert hx.reachable(left_hand, data.position, data.rotation).all()
+
     def test_a_condition_that_is_never_met(self, left_hand):
         never = lambda position, rotation: np.zeros(position.shape[:-1], dtype=bool)  # noqa: E731 - a name says it
         with pytest.raises(SamplingError, match="only 0 of"):

@@ -1,4 +1,4 @@
-"""The command line: ``hexopt robots``, ``hexopt simulate``, ``hexopt calibrate``."""
+"""The command line: ``hexopt robots``, ``hexopt simulate``, ``hexopt select``, ``hexopt calibrate``."""
 
 from .app import main
 

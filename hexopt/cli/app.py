@@ -11,7 +11,7 @@ import typer
 
 from .. import __version__
 from ..errors import HexoptError
-from . import calibrate_command, robots_command, simulate_command
+from . import calibrate_command, robots_command, select_command, simulate_command
 
 __all__ = ["app", "main"]
 
@@ -33,8 +33,22 @@ FLAGS = {
     "angle_unit": "--angle-unit",
     "columns": "--column",
     "length_unit": "--length-unit",
+    "measured": "--measured",
+    "n": "--poses",
     "n_poses": "--poses",
     "orientation": "--orientation",
+    "prove": "--prove",
+}
+
+#: Arguments that the library advises to give.
+ADVICE = {
+    "drop=True": "--drop",
+    " (given=, tolerance=)": " (--given)",
+    "(given=)": "(--given)",
+    "(given=…)": "(--given)",
+    ", narrow the pose ranges (ranges=)": "",
+    "given=": "--given",
+    "repeat=True": "--repeat",
 }
 
 app = typer.Typer(
@@ -44,7 +58,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (robots_command, simulate_command, calibrate_command):
+for command in (robots_command, simulate_command, select_command, calibrate_command):
     app.command(command.NAME, help=command.HELP)(command.run)
 
 
@@ -87,6 +101,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 def _fail(message: str) -> NoReturn:
     """One line on stderr, in which a setting is called as its flag is."""
     line = " ".join(message.replace("Value error, ", "").split())
+    for argument, flag in ADVICE.items():
+        line = line.replace(argument, flag)
     setting, colon, rest = line.partition(": ")
     flag = FLAGS.get(setting, setting)
     print(f"hexopt: error: {flag}{colon}{rest}", file=sys.stderr)

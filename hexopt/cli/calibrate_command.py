@@ -21,6 +21,7 @@ from .comparison import comparison
 from .options import (
     AngleNoise,
     AngleUnit,
+    Columns,
     Force,
     LengthNoise,
     NoiseAngles,
@@ -28,6 +29,7 @@ from .options import (
     Orientation,
     PositionNoise,
     check_outputs,
+    column_names,
     noise_model,
     robot_of,
 )
@@ -80,10 +82,6 @@ Form = Annotated[
     typer.Option(help="How the linear equations are formed; by default consecutive, as in the paper."),
 ]
 Weighted = Annotated[bool, typer.Option("--weighted", help="Weigh the equations by the noise that the flags state.")]
-Columns = Annotated[
-    list[str] | None,
-    typer.Option(metavar="NAME=IN_FILE", help="Read a column by another name, e.g. orientation_w=q0; repeatable."),
-]
 Out = Annotated[Path | None, typer.Option(metavar="FILE.toml", help="Where the calibrated robot goes.")]
 Report = Annotated[Path | None, typer.Option(metavar="FILE", help="Where the printed summary goes too.")]
 
@@ -114,7 +112,7 @@ def run(
     steps, estimator = _method(method, model, form), _estimator(method, weighted, noise)
     check_outputs([path for path in (out, report) if path is not None], [robot, *data], force)
     settings: dict[str, Any] = {"length_unit": length_unit, "orientation": orientation, "angle_unit": angle_unit}
-    settings |= {"columns": _columns(column or []), "nominal": nominal, "noise": noise}
+    settings |= {"columns": column_names(column or []), "nominal": nominal, "noise": noise}
     sets = [part for path in data for part in read_measurements(path, **settings)]
     _check_locks(sets, steps, method)
     found = calibrate(nominal, sets, steps, estimator)
@@ -154,16 +152,6 @@ def _estimator(method: str, weighted: bool, noise: Noise | None) -> Estimator:
         raise InputError("--weighted: by which noise? Give --position-noise, --angle-noise and --length-noise")
     weights: Literal["model"] | None = "model" if weighted else None
     return InverseKinematics(weights=weights) if method == "free" else LeastSquares(weights=weights)
-
-
-def _columns(pairs: list[str]) -> dict[str, str]:
-    columns = {}
-    for pair in pairs:
-        name, equals, label = pair.partition("=")
-        if not (name and equals and label) or name in columns:
-            raise InputError(f"--column: expected NAME=IN_FILE, each name once, e.g. position_x=X; got {pair!r}")
-        columns[name] = label
-    return columns
 
 
 def _check_locks(sets: Data, method: Method | Joint, name: str) -> None:

@@ -19,16 +19,20 @@ from ..robots import BUILT_IN, by_name
 __all__ = [
     "AngleNoise",
     "AngleUnit",
+    "Columns",
     "Force",
     "LengthNoise",
     "NoiseAngles",
     "NoiseKind",
     "Orientation",
     "PositionNoise",
+    "angle",
     "check_outputs",
+    "column_names",
     "length",
     "noise_model",
     "robot_of",
+    "several",
 ]
 
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.ASCII)
@@ -66,6 +70,10 @@ Orientation = Annotated[
 AngleUnit = Annotated[
     Literal["deg", "rad"] | None, typer.Option(help="The unit of the angles in the CSV, where it has some.")
 ]
+Columns = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME=IN_FILE", help="Read a column by another name, e.g. orientation_w=q0; repeatable."),
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 
 
@@ -78,7 +86,7 @@ def robot_of(text: str) -> Hexapod:
     raise InputError(f"robot: {text!r} is neither a TOML file nor built in; built in are {', '.join(BUILT_IN)}")
 
 
-def _quantity(flag: str, text: str, example: str) -> tuple[float, str]:
+def _quantity(flag: str, text: str, example: str, signed: bool = False) -> tuple[float, str]:
     """Number and unit of a text such as ``0.5cm``."""
     match = _QUANTITY.fullmatch(text)
     if not match:
@@ -86,29 +94,42 @@ def _quantity(flag: str, text: str, example: str) -> tuple[float, str]:
     if not match[2]:
         raise UnitError(f"{flag}: {text!r} has no unit; write it behind the number, e.g. {example}")
     value = float(match[1])
-    if not 0 <= value < np.inf:
-        raise InputError(f"{flag}: expected an amount >= 0, got {text!r}")
+    if not (-np.inf if signed else 0) <= value < np.inf or value == -np.inf:
+        raise InputError(f"{flag}: expected {'a finite amount' if signed else 'an amount >= 0'}, got {text!r}")
     return value, match[2]
 
 
-def length(flag: str, text: str, unit: str) -> float:
+def length(flag: str, text: str, unit: str, *, signed: bool = False) -> float:
     """A length such as ``0.5cm``, in `unit`."""
-    value, given = _quantity(flag, text, f"0.5{unit}")
+    value, given = _quantity(flag, text, f"0.5{unit}", signed)
     try:
         return value * length_factor(given, unit)
     except UnitError as error:
         raise UnitError(f"{flag}: {str(error).removeprefix('source unit: ')}") from None
 
 
-def _angle(flag: str, text: str) -> float:
+def angle(flag: str, text: str, example: str = "0.01deg") -> float:
     """An angle such as ``0.01deg``, in radians."""
-    value, given = _quantity(flag, text, "0.01deg")
+    value, given = _quantity(flag, text, example)
     if given not in ("deg", "rad"):
         raise UnitError(f"{flag}: unknown unit of angle {given!r}; expected deg or rad")
-    angle = float(np.deg2rad(value)) if given == "deg" else value
-    if angle > 1.0:
+    return float(np.deg2rad(value)) if given == "deg" else value
+
+
+def _angle_error(flag: str, text: str) -> float:
+    """An error of an angle, in radians."""
+    value = angle(flag, text)
+    if value > 1.0:
         raise InputError(f"{flag}: expected an error of at most 1 rad (57.3deg), got {text!r}")
-    return angle
+    return value
+
+
+def several(flag: str, text: str, count: int, example: str) -> list[str]:
+    """The parts of a text such as ``17cm,20cm``."""
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != count or not all(parts):
+        raise InputError(f"{flag}: expected {count} values with commas between, e.g. {example}; got {text!r}")
+    return parts
 
 
 def _reading(flag: str, text: str, robot: Hexapod) -> float:
@@ -127,7 +148,7 @@ def noise_model(
     """The noise that the flags describe; None where they are silent."""
     amounts = (
         0.0 if position is None else length("--position-noise", position, robot.length_unit),
-        0.0 if angle is None else _angle("--angle-noise", angle),
+        0.0 if angle is None else _angle_error("--angle-noise", angle),
         0.0 if reading is None else _reading("--length-noise", reading, robot),
     )
     model = UniformNoise if kind == "uniform" else NormalNoise
@@ -136,6 +157,17 @@ def noise_model(
     except InputError as error:
         raise InputError(f"--noise-angles: {error}; or rotation_vector") from None
     return None if position is None and angle is None and reading is None else noise
+
+
+def column_names(pairs: list[str]) -> dict[str, str]:
+    """hexopt's names of columns, with those that a file has for them."""
+    columns = {}
+    for pair in pairs:
+        name, equals, label = pair.partition("=")
+        if not (name and equals and label) or name in columns:
+            raise InputError(f"--column: expected NAME=IN_FILE, each name once, e.g. position_x=X; got {pair!r}")
+        columns[name] = label
+    return columns
 
 
 def check_outputs(outputs: Iterable[Path], inputs: Iterable[str | Path], force: bool) -> None:

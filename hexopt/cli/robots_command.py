@@ -10,7 +10,7 @@ import typer
 
 from ..arrays import norm
 from ..errors import InputError
-from ..geometry import Hexapod, Limits
+from ..geometry import Hexapod
 from ..robots import BUILT_IN
 from .options import Force, check_outputs, robot_of
 
@@ -85,26 +85,6 @@ def describe(robot: Hexapod) -> str:
     x, y, z = robot.home_position
     turned = "" if np.array_equal(robot.home_rotation, np.eye(3)) else ", turned (see its TOML)"
     lines.append(f"  home position: {x:g}, {y:g}, {z:g} {unit}{turned}")
-    lines.append(f"  limits: {_limits(robot.limits, unit)}")
+    lines.append(f"  limits: {robot.limits.describe(unit)}")
     lines.append(f"  random poses of one leg: {robot.ranges.describe(unit)}")
     return "\n".join(lines)
-
-
-def _limits(limits: Limits, unit: str) -> str:
-    """The limits that bind, in words."""
-    words = []
-    if limits.leg_length is not None:
-        low, high = limits.leg_length
-        words.append(f"leg length {low:.6g} to {high:.6g} {unit}")
-    for angle, what in (
-        (limits.leg_tilt, "leg from its direction at home"),
-        (limits.base_tilt, "leg from the base's normal"),
-        (limits.tilt, "platform from the base's normal"),
-    ):
-        if angle is not None:
-            words.append(f"{what} up to {np.rad2deg(angle):g}°")
-    if limits.angles is not None:
-        words.append(f"Euler {limits.sequence} " + ", ".join(f"±{np.rad2deg(angle):g}°" for angle in limits.angles))
-    if limits.position is not None:
-        words.append("travel " + ", ".join(f"±{half:g}" for half in limits.position) + f" {unit}")
-    return "; ".join(words) or "none"

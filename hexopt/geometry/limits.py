@@ -67,6 +67,26 @@ class Limits:
         object.__setattr__(self, "position", _half_widths("position", self.position, np.inf))
         euler_to_matrix(np.zeros(3), self.sequence)
 
+    def describe(self, length_unit: str = "") -> str:
+        """One line with the limits that bind, for captions and logs."""
+        words = []
+        if self.leg_length is not None:
+            low, high = self.leg_length
+            words.append(f"leg length {low:.6g} to {high:.6g} {length_unit}".rstrip())
+        for angle, what in (
+            (self.leg_tilt, "leg from its direction at home"),
+            (self.base_tilt, "leg from the base's normal"),
+            (self.tilt, "platform from the base's normal"),
+        ):
+            if angle is not None:
+                words.append(f"{what} up to {np.rad2deg(angle):g}°")
+        if self.angles is not None:
+            halves = ", ".join(f"±{np.rad2deg(angle):g}°" for angle in self.angles)
+            words.append(f"Euler {self.sequence} {halves}")
+        if self.position is not None:
+            words.append("travel " + ", ".join(f"±{half:g}" for half in self.position) + f" {length_unit}".rstrip())
+        return "; ".join(words) or "none"
+
 
 def _half_widths(name: str, value: object, largest: float) -> tuple[float, float, float] | None:
     if value is None:

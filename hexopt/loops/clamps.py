@@ -11,7 +11,7 @@ from ..measurements import LegMeasurements, Lock, Measurements
 __all__ = ["clamp_difference"]
 
 #: Sets whose directions differ by more (rad), or whose lengths by a larger share, are not on one clamp.
-DIRECTION, LENGTH = 0.1, 0.1
+DIRECTION, LENGTH = 0.1, 0.05
 
 
 def clamp_difference(one: LegMeasurements | Measurements, two: LegMeasurements | Measurements) -> str:

@@ -114,6 +114,13 @@ class WholeRobot(Implicit):
         taken.sets = tuple(equation.data for equation in taken.equations)
         return taken
 
+    def over(self, *sets: Measurements | LegMeasurements) -> Self:
+        """The same equations, about the same known legs, over other poses of every set, under the same clamps."""
+        other = copy.copy(self)
+        other.equations = tuple(equation.over(data) for equation, data in zip(self.equations, sets, strict=True))
+        other.sets = sets
+        return other
+
     @property
     def parts(self) -> Sequence[tuple[SetEquation, Place]]:
         """The sets, and where their parameters stand."""

@@ -19,8 +19,10 @@ OPTIONAL = (SET, LEG, LOCK)
 MAP_THEM = "Map columns of other names by columns= (--column in the command line)"
 
 
-def choose_columns(table: Table, kind: OrientationKind, columns: Mapping[str, str]) -> Table:
+def choose_columns(table: Table, kind: OrientationKind, columns: Mapping[str, str], *, readings: bool = True) -> Table:
     """The table with hexopt's names, each read from the column that `columns` names, or that bears it.
+
+    Without `readings` those of the legs need not be there.
 
     Raises
     ------
@@ -41,7 +43,8 @@ def choose_columns(table: Table, kind: OrientationKind, columns: Mapping[str, st
         table.lines,
         labels,
     )
-    _check_lengths(chosen, table)
+    if readings:
+        _check_lengths(chosen, table)
     missing = [name for name in (*POSITION, *kind.columns) if name not in chosen]
     if missing:
         raise table.error(f"misses {', '.join(missing)}. {_has(table)}. {MAP_THEM}")

@@ -20,7 +20,7 @@ from .orientation import QUATERNION, OrientationKind
 from .settings import ReaderSettings, checked
 from .table import Table, brief, read_table
 
-__all__ = ["read_measurements"]
+__all__ = ["MeasuredSet", "read_measurements", "rotations_of", "sets_of"]
 
 FULL_TURN = {"deg": 360.0, "rad": 2 * np.pi}
 
@@ -113,9 +113,9 @@ def _measurements(table: Table, settings: ReaderSettings) -> list[Measurements] 
     unit = settings.length_unit if robot is None else robot.length_unit
     factor = length_factor(settings.length_unit, unit)
     reading_factor = factor if robot is not None and robot.reading_unit == robot.length_unit else 1.0
-    parts = list(_sets(table))
+    parts = list(sets_of(table))
     position = table.numbers(POSITION) * factor
-    rotation = _rotations(table, settings.kind, settings.angle_unit)
+    rotation = rotations_of(table, settings.kind, settings.angle_unit)
     sets = [(part, position[part.slice], rotation[part.slice]) for part in parts]
     if LENGTH not in table:
         length = table.numbers(LENGTHS) * reading_factor
@@ -142,7 +142,7 @@ def _readings(table: Table, rows: range, factor: float) -> Array | None:
     return table.numbers([LENGTH], rows)[:, 0] * factor
 
 
-def _rotations(table: Table, kind: OrientationKind, angle_unit: str | None) -> Array:
+def rotations_of(table: Table, kind: OrientationKind, angle_unit: str | None) -> Array:
     """Rotation matrices of all rows."""
     values = table.numbers(kind.columns)
     if angle_unit is not None:
@@ -173,7 +173,7 @@ def _first_fault(kind: OrientationKind, values: Array) -> tuple[int, str]:
 
 
 @dataclass(frozen=True)
-class _Set:
+class MeasuredSet:
     """Neighbouring rows that were measured under one lock."""
 
     rows: range
@@ -192,7 +192,7 @@ class _Set:
         return slice(self.rows.start, self.rows.stop)
 
 
-def _sets(table: Table) -> Iterator[_Set]:
+def sets_of(table: Table) -> Iterator[MeasuredSet]:
     """The sets in the order of the file."""
     starts: dict[str, int] = {}
     previous = None
@@ -213,7 +213,7 @@ def _sets(table: Table) -> Iterator[_Set]:
         yield _one_set(table, range(start, end))
 
 
-def _one_set(table: Table, rows: range) -> _Set:
+def _one_set(table: Table, rows: range) -> MeasuredSet:
     first = rows.start
     lock, leg = _lock(table, first), _leg(table, first)
     for name in (LOCK, LEG):
@@ -231,7 +231,7 @@ def _one_set(table: Table, rows: range) -> _Set:
         raise table.error(f"leg {leg} is named, but no lock; say which in {LOCK!r}, or leave {LEG!r} empty", first)
     elif lock is not Lock.NONE and leg is None:
         raise table.error(f"the lock is {str(lock)!r}, but of which leg? Say it in {LEG!r}, 1…6", first)
-    return _Set(rows, lock, leg)
+    return MeasuredSet(rows, lock, leg)
 
 
 def _lock(table: Table, row: int) -> Lock:

@@ -29,10 +29,11 @@ def lower_bound(
     weights : ndarray, shape (n,)
         Any that are allowed; the nearer to the optimum, the tighter.
     mix : ndarray, shape (S, j), optional
-        Multipliers of the pieces: of every group they sum to its share. By default those of the largest pieces.
+        Multipliers of the pieces, by default those of the largest pieces. Negative ones count as zero, and those of
+        a group are scaled to sum to its share: nothing is taken on trust.
     """
     local = objective.local(weights)
-    share = objective.mix(local.pieces) if mix is None else mix
+    share = objective.mix(local.pieces) if mix is None else objective.shares(mix)
     gains = objective.gains(local.sensitivity(share))
     there = float((share * local.pieces).sum())
     return there + float(gains @ (weights - feasible.best(gains))), gains

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..arrays import Array
+from ..information import PoseInformation
 
 __all__ = ["AOptimal", "Criterion", "DOptimal", "EOptimal"]
 
@@ -26,10 +27,16 @@ class Criterion(ABC):
     curved : {"linear", "logdet", ""}
         "linear" where :math:`\varphi` is linear in C (or a maximum of such functions), "logdet" for
         :math:`\log\det C`; empty where the method does not know its second derivative.
+    convex : bool
+        Whether it is convex in the weights, as bounds need: not so for indices that are there for comparison.
+    full : bool
+        Whether it is of all coordinates, :math:`C = M(w)^{-1}`, instead of those of interest.
     """
 
-    name: ClassVar[str]
+    name: str
     curved: ClassVar[str] = ""
+    convex: bool = True
+    full: ClassVar[bool] = False
 
     @abstractmethod
     def pieces(self, covariance: Array) -> Array:
@@ -38,6 +45,15 @@ class Criterion(ABC):
     @abstractmethod
     def slopes(self, covariance: Array) -> Array:
         r"""Their gradients by C, positive semidefinite, shape (..., j, k, k)."""
+
+    def on(self, target: Any, at: Any, information: PoseInformation) -> Criterion:
+        """The criterion for candidates and what is of interest of them; as it is, unless it depends on these."""
+        return self
+
+    @property
+    def guide(self) -> Criterion:
+        """A criterion with a relaxation of its own, whose weights are good for this one too."""
+        return AOptimal()
 
     def value(self, covariance: Array) -> Array:
         """The criterion, shape (...)."""
@@ -79,11 +95,12 @@ class DOptimal(Criterion):
 
     def slopes(self, covariance: Array) -> Array:
         """The inverse of C."""
-        return np.linalg.inv(covariance)[..., None, :, :]
+        return np.asarray(np.linalg.inv(covariance), dtype=np.float64)[..., None, :, :]
 
     def efficiency(self, bound: Array | float, value: Array | float, main: int) -> Array:
         """The ratio of geometric means of variances."""
-        return np.exp((np.asarray(bound, dtype=float) - np.asarray(value, dtype=float)) / main)
+        ratio: Array = np.exp(np.subtract(bound, value) / main)
+        return ratio
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import Array
 from ..measurements import LegMeasurements, Measurements
+from .question import Question
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,7 +27,8 @@ class Design:
     indices : ndarray of int, shape (N,)
         Which candidates, in ascending order; one that is measured twice stands twice.
     poses : LegMeasurements or Measurements
-        These poses, with the readings that the candidates have; None where bare information was given.
+        These poses, with the readings that the candidates have; one a set where the loop has several, and None where
+        bare information was given.
     criterion : str
     value : float
         The criterion of the design (with what was measured before).
@@ -46,10 +48,12 @@ class Design:
         Whether this is the best design, proven.
     stopped : str
         What ended the search.
+    question : Question
+        What was asked, so that it can be asked again of other poses.
     """
 
     indices: npt.NDArray[np.intp]
-    poses: LegMeasurements | Measurements | None
+    poses: Any
     criterion: str
     value: float
     bound: float
@@ -61,6 +65,7 @@ class Design:
     efficiency: float
     proven: bool
     stopped: str
+    question: Question
 
     @property
     def gap(self) -> float:
@@ -91,6 +96,6 @@ class Design:
         import pandas as pd
 
         columns = {"candidate": self.indices, "weight": self.weights[self.indices]}
-        if self.poses is not None:
+        if isinstance(self.poses, (LegMeasurements, Measurements)):
             columns |= {axis: self.poses.position[:, i] for i, axis in enumerate("xyz")}
         return pd.DataFrame(columns)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import Array
 
@@ -40,14 +42,22 @@ class Feasible:
 
     def best(self, gain: Array) -> Array:
         r"""The weights v that maximise :math:`g^T v` for gains g ≥ 0, (n,): by gain for cost, the last in part."""
-        order = np.argsort(-gain / self.cost, kind="stable")
-        spent = np.cumsum(self.cap[order] * self.cost[order])
-        within = np.clip(self.total - (spent - self.cap[order] * self.cost[order]), 0.0, None) / self.cost[order]
+        order, part = self._leading(-gain / self.cost), self.cap * self.cost
+        within = np.clip(self.total - (np.cumsum(part[order]) - part[order]), 0.0, None) / self.cost[order]
         out = np.zeros(len(gain))
         out[order] = np.minimum(self.cap[order], within)
         return out
 
-    def holds(self, weights: Array, slack: float = 1e-9) -> bool:
+    def _leading(self, rate: Array) -> npt.NDArray[np.intp]:
+        """The candidates of the lowest rates, in ascending order: as many as the budget can need."""
+        part = self.cap * self.cost
+        used = part > 0
+        least = part.min(where=used, initial=np.inf)
+        enough = int(min(self.total / least + np.count_nonzero(~used) + 1, len(rate)))
+        few = np.argpartition(rate, enough - 1)[:enough] if enough < len(rate) else np.arange(len(rate))
+        return few[np.argsort(rate[few], kind="stable")]
+
+    def holds(self, weights: npt.NDArray[Any], slack: float = 1e-9) -> bool:
         """Whether weights are allowed, to rounding."""
         inside = (weights >= -slack).all() and (weights <= self.cap * (1 + slack) + slack).all()
         return bool(inside and self.cost @ weights <= self.total * (1 + slack))

@@ -7,11 +7,14 @@ r"""What a choice of poses minimises: a criterion, averaged over scenarios or at
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import Array, transpose
-from ..information import PoseInformation, main_covariance
+from ..errors import RankDeficientError
+from ..information import PoseInformation, inverse_root, main_covariance
 from .criteria import Criterion
 
 __all__ = ["Local", "Objective"]
@@ -27,8 +30,8 @@ class Local:
         Values of all pieces.
     covariance : ndarray, shape (S, k, k)
         C.
-    columns : ndarray, shape (S, m, k)
-        :math:`M^{-1}K`.
+    root : ndarray, shape (S, m, m)
+        R with :math:`R R^T = M^{-1}`.
     slopes : ndarray, shape (S, j, k, k)
         Gradients of the pieces by C: :math:`\partial f_{sp}/\partial w_i = -\langle \Gamma_{sp}, M_{si}\rangle` with
         :math:`\Gamma_{sp} = M^{-1}K\,\varphi'_p K^T M^{-1}`.
@@ -36,8 +39,13 @@ class Local:
 
     pieces: Array
     covariance: Array
-    columns: Array
+    root: Array
     slopes: Array
+
+    @property
+    def columns(self) -> Array:
+        r""":math:`M^{-1}K`, shape (S, m, k)."""
+        return self.root @ transpose(self.root[:, : self.covariance.shape[-1]])
 
     def sensitivity(self, mix: Array) -> Array:
         r""":math:`\sum_p \mu_{sp}\Gamma_{sp}` for multipliers (S, j), shape (S, m, m)."""
@@ -65,24 +73,33 @@ class Objective:
         """The same for some of the poses."""
         return Objective(self.information.take(index), self.criterion, self.worst)
 
+    @property
+    def main(self) -> int:
+        """k: of how many coordinates C is, which stand first."""
+        return self.information.size if self.criterion.full else self.information.main
+
     def of_totals(self, totals: Array) -> Array:
         """The objective of information matrices (..., S, m, m), shape (...); infinite where a parameter is not seen."""
-        values = self.criterion.value(main_covariance(totals, self.information.main))
+        return self.of_covariances(main_covariance(totals, self.main))
+
+    def of_covariances(self, covariances: Array) -> Array:
+        """The objective of covariances (..., S, k, k) of what is of interest, shape (...)."""
+        values = self.criterion.value(covariances)
         return values.max(axis=-1) if self.worst else values.mean(axis=-1)
 
-    def value(self, weights: Array) -> float:
+    def value(self, weights: npt.NDArray[Any]) -> float:
         """The objective of weights (n,)."""
         return float(self.of_totals(self.information.total(weights)))
 
-    def local(self, weights: Array) -> Local:
+    def local(self, weights: npt.NDArray[Any]) -> Local:
         """Values and derivatives at weights (n,) that see all parameters."""
-        total, k = self.information.total(weights), self.information.main
-        scale = np.sqrt(np.einsum("sii->si", total))
-        scaled = np.linalg.inv(total / scale[:, :, None] / scale[:, None, :])
-        columns = (scaled / scale[:, :, None] / scale[:, None, :])[..., :k]
-        covariance = columns[:, :k]
-        covariance = (covariance + transpose(covariance)) / 2
-        return Local(self.criterion.pieces(covariance), covariance, columns, self.criterion.slopes(covariance))
+        total, k = self.information.total(weights), self.main
+        root, seen = inverse_root(total)
+        if not seen.all():
+            unseen = self.information.unseen(total[int(np.argmin(seen))])
+            raise RankDeficientError(f"these poses do not see {'; '.join(unseen)}", unseen)
+        covariance = root[:, :k] @ transpose(root[:, :k])
+        return Local(self.criterion.pieces(covariance), covariance, root, self.criterion.slopes(covariance))
 
     def mix(self, pieces: Array) -> Array:
         """Multipliers (S, j) of a subgradient: of every group its largest piece."""
@@ -92,6 +109,11 @@ class Objective:
         else:
             out[np.arange(len(pieces)), pieces.argmax(axis=1)] = 1 / len(pieces)
         return out
+
+    def shares(self, mix: Array) -> Array:
+        """Multipliers (S, j), not all zero in a group, made those of a convex combination of the pieces."""
+        out = np.maximum(mix, 0.0)
+        return out / out.sum() if self.worst else out / out.sum(axis=1, keepdims=True) / len(out)
 
     def gains(self, sensitivity: Array) -> Array:
         r""":math:`\sum_s\langle\Gamma_s, M_{si}\rangle` of every pose, (n,): by how much its weight lowers f."""

@@ -24,7 +24,7 @@ def compare(hexopt, command, output):
 
 def test_commands_print_what_the_page_shows(hexopt):
     lines = [pair for pair in transcripts() if REAL not in pair[0]]
-    assert len(lines) == 9
+    assert len(lines) == 11
     for command, output in lines:
         compare(hexopt, command, output)
 

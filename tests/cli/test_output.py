@@ -13,7 +13,7 @@ import hexopt as hx
 from hexopt.cli import main
 from hexopt.robots import BUILT_IN
 
-COMMANDS = ["robots", "simulate", "calibrate"]
+COMMANDS = ["robots", "simulate", "select", "calibrate"]
 
 
 def start(*arguments, **settings):
@@ -55,8 +55,9 @@ def test_the_examples_of_the_help_run(done):
     first, second = examples(done("--help"))
     done(*shlex.split(first)[1:])
     assert "wrote found.toml" in done(*shlex.split(second)[1:])
-    for example in examples(done("simulate --help")):
-        done(*shlex.split(example)[1:], "--force")
+    for command in ("simulate", "select"):
+        for example in examples(done(f"{command} --help")):
+            done(*shlex.split(example)[1:], "--force")
 
 
 def test_robots_are_listed_with_their_units(done):
