@@ -27,6 +27,7 @@ from .result import Estimate
 __all__ = [
     "PoseInformation",
     "chosen_scalars",
+    "coordinate_units",
     "expected_spreads",
     "inverse_root",
     "main_covariance",
@@ -190,8 +191,7 @@ def pose_information(
     order = np.concatenate([first, np.setdiff1d(np.arange(blocks.shape[-1]), first)])
     fixed = np.broadcast_to(fixed, (len(blocks), *fixed.shape[-2:]))
     diagonal = np.einsum("snii->i", blocks) + np.einsum("sii->i", fixed)
-    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-    scale[first] = sizes[places[first]]
+    scale = coordinate_units(np.sqrt(diagonal), first, sizes[places[first]])
     order_scale = scale[order]
     both = order_scale[:, None] * order_scale
     units_of = [block.unit for block in parameters for _ in range(block.size)]
@@ -203,6 +203,18 @@ def pose_information(
         tuple(units_of[i] for i in chosen),
         sizes[chosen],
     )
+
+
+def coordinate_units(lengths: Array, main: npt.NDArray[np.intp], spread: Array) -> Array:
+    """The unit of every coordinate, from the lengths of columns, both (q,).
+
+    Of interest, the expected spread; of the others what makes their columns as long as those of interest are in root
+    mean square: a condition number is to say nothing of the units of nuisances.
+    """
+    mean = float(np.sqrt(np.square(lengths[main] * spread).mean()))
+    units = (mean or 1.0) / np.where(lengths > 0, lengths, 1.0)
+    units[main] = spread
+    return units
 
 
 def scenario_values(model: Implicit, at: Any = None) -> Array:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..arrays import Array, BoolArray, norm
 from ..geometry import LENGTH_UNITS
-from ..information import chosen_scalars, expected_spreads
+from ..information import chosen_scalars, coordinate_units, expected_spreads
 from ..loops.implicit import Implicit
 from ..numerics.lstsq import null_combinations, rank_tolerance
 from ..parameters import Parameters
@@ -39,9 +39,9 @@ def observability(
     r"""What the poses of one set determine, how well, and what they do not see.
 
     Let J be the whitened rows :math:`S_i^{-1/2} G_i` of all poses by all unknowns, in coordinates scaled by the
-    expected spread of the parameters of interest (those of nuisances and shared errors by the length of their
-    columns), with the unit variances of shared errors below. With :math:`J = [J_\theta\; J_\nu]` the information of
-    interest is the Schur complement :math:`J_\theta^T(I - J_\nu J_\nu^+)J_\theta`; the square roots
+    expected spread of the parameters of interest (those of nuisances and shared errors so that their columns are as
+    long as those of interest), with the unit variances of shared errors below. With :math:`J = [J_\theta\; J_\nu]` the
+    information of interest is the Schur complement :math:`J_\theta^T(I - J_\nu J_\nu^+)J_\theta`; the square roots
     :math:`\sigma_1 \ge … \ge \sigma_k` of its eigenvalues are the `main_singular_values`. Its inverse is the predicted
     covariance, that is the Cramér–Rao bound of a loop. Where J is singular, a parameter is determined if its
     coordinate is orthogonal to the null space; the others have an infinite standard error.
@@ -105,8 +105,7 @@ def observability(
     seen = _Seen(rows, main)
     complement = seen.complement(sizes)
     values, directions = _spectrum(complement, seen.null_main / (seen.length[main] * sizes)[:, None])
-    scale = 1 / seen.length
-    scale[main] = sizes
+    scale = coordinate_units(seen.length, main, sizes)
     determined = seen.determined & ~hidden_scalars(parameters, blind)[rows.places[main]]
     return Observability(
         title=target.name if isinstance(target, LinearProblem) else type(target).__name__,

@@ -51,10 +51,10 @@ class ConditionNumber(_Index):
 
     That is the root of the condition number of M(w), nuisances and shared errors included. It says nothing of the
     size of errors, and it depends on how unknowns are scaled: parameters of interest by their expected spread, the
-    others by the length of their columns over all candidates. So it is for comparison; design by :class:`AOptimal` or
-    :class:`DOptimal`. It is not convex in the weights, so that its gradient gives no bound; but it is quasi-convex, and
-    least by the exact programme :math:`\min t,\; I \preceq M(w) \preceq tI` with weights free in scale
-    (:mod:`hexopt.selection.condition`). After the nuisance is eliminated not even that is true.
+    others so that their columns, over all candidates, are as long as those of interest. So it is for comparison;
+    design by :class:`AOptimal` or :class:`DOptimal`. It is not convex in the weights, so that its gradient gives no
+    bound; but it is quasi-convex, and least by the exact programme :math:`\min t,\; I \preceq M(w) \preceq tI` with
+    weights free in scale (:mod:`hexopt.selection.condition`). After the nuisance is eliminated not even that is true.
 
     References
     ----------
