@@ -107,7 +107,8 @@ class Clamp:
 
     def describe(self) -> str:
         """What is held, in words: "direction (0.1, 0.2, 0.97)"."""
-        text = ", ".join(f"{x:.4g}" for x in np.round(np.atleast_1d(self.value), 9) + 0.0)
+        digits = 4 if self.lock is Lock.DIRECTION else 6
+        text = ", ".join(f"{x:.{digits}g}" for x in np.round(np.atleast_1d(self.value), 9) + 0.0)
         unit = "" if self.lock is Lock.DIRECTION or self.leg.length_unit == "unstated" else f" {self.leg.length_unit}"
         return f"{self.kind} {text if self.lock is Lock.LENGTH else f'({text})'}{unit}"
 

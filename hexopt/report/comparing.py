@@ -18,8 +18,9 @@ from ..selection.objective import Objective
 
 __all__ = ["RandomSets", "designs_by_count", "observed", "random_sets"]
 
-#: From a fraction of the chosen number of poses to a multiple of it.
-FEWER, MORE, STEPS = 0.4, 2.5, 9
+#: From a fraction of the chosen number of poses, or from so few, to a multiple of it.
+FEWER, FEW, MORE, STEPS = 0.4, 4, 2.5, 9
+#: Roundings that are exchanged for each number: less than for the chosen one.
 STARTS = 1
 
 
@@ -77,17 +78,25 @@ def _as_candidates(design: Design) -> bool:
 
 
 def designs_by_count(design: Design, repeat: bool) -> list[Design]:
-    """Designs by the same criterion with fewer and with more poses; numbers that see too little are left out."""
+    """Designs by the same criterion with fewer and with more poses; numbers that see too little are left out.
+
+    Of several scenarios they are for the first.
+    """
     question, chosen = design.question, len(design.indices)
-    numbers = np.unique(np.round(np.geomspace(max(1.0, FEWER * chosen), MORE * chosen, STEPS)).astype(int))
-    settings = {name: getattr(question, name) for name in ("measured", "at", "worst", "of", "spread")}
+    spaced = np.geomspace(max(1.0, min(FEWER * chosen, FEW)), MORE * chosen, STEPS)
+    numbers = np.union1d(np.round(spaced).astype(int), [chosen])
+    settings = {name: getattr(question, name) for name in ("measured", "of", "spread")}
+    one_nominal = not isinstance(question.at, (list, tuple))
+    at = question.at if one_nominal else question.at[0]
     found = []
     for n in numbers if repeat else numbers[numbers <= len(design.weights)]:
-        if n == chosen and _as_candidates(design):
+        if n == chosen and one_nominal and _as_candidates(design):
             found.append(design)
             continue
         try:
-            one = select_poses(question.target, int(n), question.criterion, repeat=repeat, starts=STARTS, **settings)
+            one = select_poses(
+                question.target, int(n), question.criterion, at=at, repeat=repeat, starts=STARTS, **settings
+            )
         except RankDeficientError:
             continue
         found.append(one)

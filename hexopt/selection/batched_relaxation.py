@@ -99,8 +99,11 @@ class BatchedRelaxation:
             if not going.any():
                 break
             todo = todo[going]
-            at = self._advanced(now.take(going), at.take(going), cap[todo], rest[todo])
-            now = _Derivatives(self, fixed[todo], at.w)
+            try:
+                at = self._advanced(now.take(going), at.take(going), cap[todo], rest[todo])
+                now = _Derivatives(self, fixed[todo], at.w)
+            except np.linalg.LinAlgError:  # one that lost its digits: what was found stands for all
+                break
         return found
 
     def _advanced(self, now: _Derivatives, at: _State, cap: Array, rest: Array) -> _State:

@@ -84,8 +84,7 @@ def exchange(
     RankDeficientError
         If the start does not see all parameters.
     """
-    value = objective.value(start)
-    if not np.isfinite(value):
+    if not np.isfinite(objective.value(start)):
         raise RankDeficientError("the poses to start from do not see all parameters; take one of `starts_of`")
     search = _Search(objective, feasible, start, factors(objective.information.blocks) if rows is None else rows)
     for _ in range(max_sweeps):

@@ -72,6 +72,11 @@ def relax(objective: Objective, feasible: Feasible, goal: float = 1e-6) -> Relax
         guide = replace(objective, criterion=objective.criterion.guide)
         weights = relax(guide, feasible, goal).weights if guided else feasible.cap
         return _priced(objective, feasible, weights, objective.mix(objective.local(weights).pieces), goal, 0)
+    return _generated(objective, feasible, goal)
+
+
+def _generated(objective: Objective, feasible: Feasible, goal: float) -> Relaxation:
+    """Rounds of a small programme and prices for all."""
     n, gap, best = len(feasible.cap), 1.0, None
     width = n if _at_once(objective) else FREE
     held, profit = (np.zeros(n), np.zeros(n)) if width == n else _begun(objective, feasible)
@@ -87,7 +92,7 @@ def relax(objective: Objective, feasible: Feasible, goal: float = 1e-6) -> Relax
         if now.relative > SLOW * gap:
             width *= 2
         gap = min(gap, now.relative)
-        profit = now.gains / feasible.cost / found.price - 1
+        profit = _profit(feasible, now.gains, found.price)
         held = _settled(feasible, weights, profit, free)
     assert best is not None
     return best
@@ -126,7 +131,7 @@ def _begun(objective: Objective, feasible: Feasible) -> tuple[Array, Array]:
     room = replace(feasible, cap=feasible.cap * (parts.sum() / parts[free].sum()))
     weights, found = _solved(objective, room, np.zeros(n), free, SHARE)
     gains = objective.gains(objective.local(weights).sensitivity(found.mix))
-    profit = gains / feasible.cost / found.price - 1
+    profit = _profit(feasible, gains, found.price)
     held = np.minimum(_settled(room, weights, profit, free), feasible.cap)
     rest = Feasible(feasible.cap - held, feasible.cost, max(0.0, feasible.total - float(feasible.cost @ held)))
     return held + rest.best(gains), profit
@@ -155,6 +160,11 @@ def _priced(
     )
     stopped = "proven to the goal" if relative <= goal else "the gap does not get smaller"
     return Relaxation(frozen(weights.copy()), value, bound, gains, mix, relative, goal, iteration, stopped)
+
+
+def _profit(feasible: Feasible, gains: Array, price: float) -> Array:
+    """Gains above the price of the budget, as a share of it; none where nothing helps any more."""
+    return gains / feasible.cost / price - 1 if price > 0 else np.zeros(len(gains))
 
 
 def _settled(feasible: Feasible, weights: Array, profit: Array, free: Index) -> Array:
