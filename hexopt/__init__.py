@@ -18,7 +18,7 @@ __version__ = "0.1.0"
 #: Public names and where they live; each is imported when it is first used.
 _HOMES = {
     "errors": (
-        "EstimationError FileFormatError HexoptError InputError LockError NumericalWarning "
+        "EstimationError FileFormatError HexoptError InputError LockError MeasuringError NumericalWarning "
         "RankDeficientError SamplingError UnitError"
     ),
     "geometry": "Hexapod Leg Limits PoseRanges",
@@ -33,13 +33,15 @@ _HOMES = {
     "loops.joining": "join",
     "simulation": "simulate simulate_leg",
     "pools": "candidates candidates_at",
+    "information": "PoseInformation pose_information",
     "observing": "Observability observability",
     "selection.choosing": "select_poses",
     "selection.design": "Design",
     "selection.criteria": "AOptimal Criterion DOptimal EOptimal",
     "selection.indices": "ConditionNumber ObservabilityIndex",
     "selection.prediction": "GOptimal",
-    "selection.lock_choice": "LockChoice select_lock",
+    "selection.lock_choice": "LockChoice",
+    "selection.lock_search": "select_lock",
     "selection.refinement": "refine_poses",
     "selection.ordering": "measuring_order",
     "losses": "Chebyshev GroupHuber GroupL1 Huber L1 Quadratic",
@@ -58,7 +60,7 @@ _HOMES = {
     "estimators.total_least_squares": "TotalLeastSquares",
     "estimators.unit_norm": "UnitNormLeastSquares",
     "estimators.zhuang_roth": "ZhuangRoth",
-    "sequential": "Recursive RecursiveState Unscented UnscentedState",
+    "sequential": "Recursive RecursiveState SequentialDesign SequentialState Unscented UnscentedState",
     "calibration": "Calibration FreePoses Joint OneStep ThreeStep calibrate pose_covariance",
     "readers": "read_measurements write_measurements",
     "report": "design_report",

@@ -6,6 +6,7 @@ __all__ = [
     "HexoptError",
     "InputError",
     "LockError",
+    "MeasuringError",
     "NumericalWarning",
     "RankDeficientError",
     "SamplingError",
@@ -56,6 +57,23 @@ class RankDeficientError(EstimationError):
 
     def __reduce__(self) -> tuple[object, ...]:
         return type(self), (self.args[0], self.combinations)
+
+
+class MeasuringError(HexoptError, RuntimeError):
+    """A pose could not be measured, or what came is none; the poses before it are not lost.
+
+    Attributes
+    ----------
+    state : SequentialState
+        With all poses before.
+    """
+
+    def __init__(self, message: str, state: object = None) -> None:
+        super().__init__(message)
+        self.state = state
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.args[0], self.state)
 
 
 class NumericalWarning(UserWarning):

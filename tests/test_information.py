@@ -163,6 +163,18 @@ class TestAnEstimateFromElsewhere:
         with pytest.raises(hx.errors.InputError, match="some of platform_point, base_point; got offset"):
             pose_information(loop_of("direction"), measured=offset)
 
+    def test_of_another_unit(self):
+        found = hx.estimate(hx.loops.FixedLeg(pool("leg").leg(3)).linear(), hx.LeastSquares(weights="model"))
+        blocks = tuple(replace(block, unit="mm") for block in found.parameters)
+        with pytest.raises(hx.errors.UnitError, match="platform_point is in mm, that of the candidates in cm"):
+            pose_information(loop_of("direction"), measured=replace(found, parameters=hx.Parameters(blocks)))
+
+    @pytest.mark.parametrize("value", [0.0, np.nan])
+    def test_without_a_usable_covariance(self, value):
+        found = hx.estimate(hx.loops.FixedLeg(pool("leg").leg(3)).linear(), hx.LeastSquares(weights="model"))
+        with pytest.raises(hx.errors.InputError, match="singular or not finite"):
+            pose_information(loop_of("direction"), measured=replace(found, covariance=np.full((6, 6), value)))
+
 
 class TestBadInput:
     @pytest.mark.parametrize(
@@ -196,14 +208,31 @@ class TestBadInput:
     @pytest.mark.parametrize(
         ("lock", "given", "message"),
         [
-            ("direction", [0.3, 0.0, 1.0], r"another clamp than the candidates: directions .*° apart"),
-            ("length", 22.0, "another clamp than the candidates: lengths of"),
+            ("direction", [0.0, 0.0, 1.0], r"another clamp than the candidates: directions .*° apart"),
+            ("length", 23.0, "another clamp than the candidates: lengths of"),
         ],
     )
     def test_measured_on_another_clamp(self, lock, given, message):
         other = hx.candidates(ROBOT, 3, lock, 5, NOISE, given, rng=1)
         with pytest.raises(hx.errors.InputError, match=message):
             pose_information(loop_of(lock), measured=KINDS[lock](other.leg(3)))
+
+    def test_measured_on_no_clamp(self):
+        free = pool("none").leg(3)
+        loose = hx.LegMeasurements(free.position, free.rotation, free.length, "length", NOISE, LEG)
+        with pytest.raises(hx.errors.InputError, match="another clamp than the candidates: lengths of"):
+            pose_information(loop_of("length"), measured=hx.loops.FixedLength(loose))
+
+    def test_measured_with_another_common_error(self):
+        common = hx.NormalNoise(0.01, 1e-4, 0.01, common_covariance=np.diag([0.02**2] * 3 + [0.0] * 9))
+        one, two = (hx.loops.FixedLeg(pool("leg", noise=noise).leg(3)) for noise in (NOISE, common))
+        for candidates, measured in ((one, two), (two, one)):
+            with pytest.raises(hx.errors.InputError, match="another common error of all poses"):
+                pose_information(candidates, measured=measured)
+
+    def test_a_problem_has_its_own_point(self):
+        with pytest.raises(hx.errors.InputError, match=r"write loop.linear\(at=…\)"):
+            pose_information(loop_of("leg").linear(), LEG)
 
     def test_measured_by_another_loop(self):
         with pytest.raises(

@@ -88,7 +88,9 @@ Model = Annotated[Literal["36", "42", "48"] | None, typer.Option(help="Parameter
 Candidates = Annotated[
     str, typer.Option(metavar="N|FILE.csv", help="So many random candidates, or your own list of poses.")
 ]
-Drop = Annotated[bool, typer.Option("--drop", help="Leave out listed poses that cannot be candidates, and say which.")]
+Drop = Annotated[
+    bool, typer.Option("--drop", help="Leave out listed poses that cannot be candidates, and say how many and why.")
+]
 Given = Annotated[
     str | None,
     typer.Option(

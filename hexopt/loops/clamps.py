@@ -10,39 +10,41 @@ from ..measurements import LegMeasurements, Lock, Measurements
 
 __all__ = ["clamp_difference"]
 
-#: Sets whose directions differ by more (rad), or whose lengths by a larger share, are not on one clamp.
-DIRECTION, LENGTH = 0.1, 0.05
+#: Poses whose directions differ by more (rad), or whose lengths by a larger share, are not on one clamp, even as a
+#: nominal sees it that is off by a twentieth of the leg's length.
+DIRECTION, LENGTH = 0.2, 0.1
 
 
 def clamp_difference(one: LegMeasurements | Measurements, two: LegMeasurements | Measurements) -> str:
-    """In words, how the clamps of two sets differ by more than a nominal may be off; empty where they do not.
+    """In words, how a set is off the clamp of another by more than a nominal may be; empty if it is not.
 
     Sets without a nominal pass: nothing is known of their clamps.
     """
     if one.lock is not two.lock or one.legs != two.legs:
         return f"the lock {str(two.lock)!r} of leg {two.legs}, not {str(one.lock)!r} of {one.legs}"
-    first, second = _held(one), _held(two)
-    if first is None or second is None:
+    clamp, held = _vectors(one), _vectors(two)
+    if clamp is None or held is None:
         return ""
-    (n1, l1), (n2, l2) = first, second
     if one.lock in (Lock.DIRECTION, Lock.LEG):
-        angle = float(np.arccos(np.clip(n1 @ n2, -1.0, 1.0)))
+        mean = (clamp / norm(clamp)[:, None]).mean(axis=0)
+        cosine = held @ mean / (norm(held) * norm(mean))
+        angle = float(np.arccos(np.clip(cosine.min(), -1.0, 1.0)))
         if angle > DIRECTION:
             return f"directions {np.rad2deg(angle):.1f}° apart"
-    if one.lock in (Lock.LEG, Lock.LENGTH) and abs(l1 - l2) > LENGTH * l1:
-        return f"lengths of {l1:.4g} and {l2:.4g} {one.length_unit}"
+    if one.lock in (Lock.LEG, Lock.LENGTH):
+        length, lengths = float(norm(clamp).mean()), norm(held)
+        worst = float(lengths[np.abs(lengths - length).argmax()])
+        if abs(worst - length) > LENGTH * length:
+            return f"lengths of {length:.4g} and {worst:.4g} {one.length_unit}"
     return ""
 
 
-def _held(data: LegMeasurements | Measurements) -> tuple[Array, float] | None:
-    """The mean direction and length of the locked leg."""
+def _vectors(data: LegMeasurements | Measurements) -> Array | None:
+    """The vectors (n, 3) of the locked leg."""
     if isinstance(data, Measurements):
         if data.locked_leg is None:
             return None
         data = data.leg(data.locked_leg)
     if data.lock is Lock.NONE or data.nominal is None:
         return None
-    leg = data.nominal
-    vectors = leg_vector(leg.platform_point, leg.base_point, data.position, data.rotation)
-    mean = (vectors / norm(vectors)[..., None]).mean(axis=-2)
-    return mean / norm(mean), float(norm(vectors).mean())
+    return leg_vector(data.nominal.platform_point, data.nominal.base_point, data.position, data.rotation)

@@ -18,7 +18,7 @@ from ..problem import LinearProblem
 from ..result import Estimate
 from .branching import prove as prove_best
 from .condition import relax_condition
-from .criteria import Criterion
+from .criteria import AOptimal, Criterion
 from .design import Design
 from .exchange import Counts, best_of
 from .feasible import Feasible
@@ -77,7 +77,8 @@ def select_poses(
     spread : dict of str to float, optional
         Expected spread of blocks, by which the criteria A and E compare parameters; by default 1 in their own units.
     repeat : bool or int, default False
-        Whether a pose may be measured again; or how often at most.
+        Whether a pose may be measured again; or how often at most. By default every candidate is chosen once at most,
+        and none that is among the poses of `measured`.
     cost, budget : array_like (candidates,) and float, optional
         The cost of each pose and what may be spent, instead of n.
     starts : int, default 8
@@ -121,6 +122,8 @@ def select_poses(
         raise InputError(f"candidates: {again[0]} and {again[1]} are the same pose; remove one, or say repeat=True")
     objective = question.objective()
     feasible = _feasible(objective.information.n_poses, n, repeat, cost, budget)
+    if repeat is False:
+        feasible = replace(feasible, cap=np.where(question.measured_before(), 0.0, feasible.cap))
     _check_enough(objective.information, feasible)
     return answer(question, objective, feasible, starts, rng, prove)
 
@@ -133,20 +136,36 @@ def answer(
     rng: int | np.random.Generator | None = None,
     prove: float | None = None,
 ) -> Design:
-    """The design for an objective and a budget."""
+    """The design for an objective and a budget; that of the criterion's twin, if it has one.
+
+    Poses with a cap of zero are left out.
+    """
+    allowed = np.flatnonzero(feasible.cap)
+    if len(allowed) < len(feasible.cap):
+        found = answer(question, objective.take(allowed), feasible.take(allowed), starts, rng, prove)
+        indices, weights = allowed[found.indices], np.zeros(len(feasible.cap))
+        weights[allowed] = found.weights
+        return replace(found, indices=indices, weights=weights, poses=_chosen(question, indices))
+    twin = objective.criterion.twin
+    if twin is not None and (objective.worst or len(objective.information.blocks) == 1):
+        found = answer(question, replace(objective, criterion=twin), feasible, starts, rng, prove)
+        value, bound, relaxed = (
+            objective.criterion.of_twin(part, objective.main) for part in (found.value, found.bound, found.relaxed)
+        )
+        return replace(found, criterion=objective.criterion.name, value=value, bound=bound, relaxed=relaxed)
     generator = None if rng is None else as_generator(rng)
-    relaxed = relaxation_of(objective, feasible)
-    guide = relaxed or relax(replace(objective, criterion=objective.criterion.guide), feasible)
+    relaxation = relaxation_of(objective, feasible)
+    guide = relaxation or relax(replace(objective, criterion=AOptimal()), feasible)
     begun = starts_of(objective, feasible, guide.weights, starts, generator)
     counts, _ = best_of(objective, feasible, begun)
     stopped = f"no exchange of a pose helps, from {len(begun)} starts"
-    bound, proven = relaxed.bound if relaxed else np.nan, False
+    bound, proven = relaxation.bound if relaxation else np.nan, False
     if prove is not None:
-        if relaxed is None or not objective.criterion.convex:
+        if relaxation is None or not objective.criterion.convex:
             raise InputError(f"prove: {objective.criterion.name} is not convex, so there are no bounds to prove it by")
-        proof = prove_best(objective, feasible, counts, relaxed, seconds=prove)
+        proof = prove_best(objective, feasible, counts, relaxation, seconds=prove)
         counts, bound, proven, stopped = proof.counts, max(bound, proof.bound), proof.proven, proof.stopped
-    return design_of(question, objective, counts, relaxed, bound, proven, stopped)
+    return design_of(question, objective, counts, relaxation, bound, proven, stopped)
 
 
 def relaxation_of(objective: Objective, feasible: Feasible) -> Relaxation | None:

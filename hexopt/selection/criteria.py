@@ -51,9 +51,13 @@ class Criterion(ABC):
         return self
 
     @property
-    def guide(self) -> Criterion:
-        """A criterion with a relaxation of its own, whose weights are good for this one too."""
-        return AOptimal()
+    def twin(self) -> Criterion | None:
+        """A criterion that chooses as this one does, if it is an increasing function of one: see `of_twin`."""
+        return None
+
+    def of_twin(self, value: float, main: int) -> float:
+        """The value of this criterion, of k parameters, from that of its twin."""
+        return value
 
     def value(self, covariance: Array) -> Array:
         """The criterion, shape (...)."""

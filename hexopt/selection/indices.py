@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import Array, as_count, brief, transpose
 from ..errors import InputError
-from .criteria import AOptimal, Criterion, DOptimal, EOptimal
+from .criteria import Criterion, DOptimal, EOptimal
 
 __all__ = ["ConditionNumber", "ObservabilityIndex"]
 
@@ -125,10 +125,14 @@ class ObservabilityIndex(_Index):
         object.__setattr__(self, "convex", self.number in CONVEX)
 
     @property
-    def guide(self) -> Criterion:
-        """D for O1 and E for O3, which choose as these do; else A."""
+    def twin(self) -> Criterion | None:
+        """D of O1, and E of O3."""
         twins: dict[int, Criterion] = {1: DOptimal(), 3: EOptimal()}
-        return twins.get(self.number, AOptimal())
+        return twins.get(self.number)
+
+    def of_twin(self, value: float, main: int) -> float:
+        """1/O1 of log det C, and 1/O3 of the largest eigenvalue."""
+        return float(np.exp(value / (2 * main)) if self.number == 1 else np.sqrt(value))
 
     def _number(self) -> int:
         return self.number

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from ..arrays import brief
+from ..arrays import BoolArray, brief
 from ..errors import InputError
 from ..information import PoseInformation, pose_information
 from ..loops.implicit import Implicit
@@ -93,11 +94,28 @@ class Question:
         """The first two candidates that are one pose, if any are."""
         before = 0
         for data in self.sets():
-            flat = np.concatenate([data.position, data.rotation.reshape(*data.position.shape[:-1], 9)], axis=-1) + 0.0
-            rows = np.ascontiguousarray(flat).view([("", flat.dtype)] * flat.shape[-1]).ravel()
+            rows = _as_rows(data)
             _, first, inverse = np.unique(rows, return_index=True, return_inverse=True)
             again = np.flatnonzero(first[inverse] != np.arange(len(rows)))
             if again.size:
                 return before + int(first[inverse[again[0]]]), before + int(again[0])
             before += len(rows)
         return None
+
+    def measured_before(self) -> BoolArray:
+        """Which candidates are among the poses measured before, (n,)."""
+        if not isinstance(self.target, Implicit):
+            return np.zeros(1, dtype=bool)
+        known = self.measured if isinstance(self.measured, (list, tuple)) else (self.measured,)
+        loops = [one for one in known if isinstance(one, Implicit)]
+        again = []
+        for k, data in enumerate(self.sets()):
+            before = [_as_rows(loop.parts[k][0].data) for loop in loops]
+            again.append(np.isin(_as_rows(data), np.concatenate(before)) if before else np.zeros(data.n_poses, bool))
+        return np.concatenate(again)
+
+
+def _as_rows(data: Any) -> npt.NDArray[np.void]:
+    """Every pose as one value that can be compared, (n,)."""
+    flat = np.concatenate([data.position, data.rotation.reshape(*data.position.shape[:-1], 9)], axis=-1) + 0.0
+    return np.ascontiguousarray(flat).view([("", flat.dtype)] * flat.shape[-1]).ravel()

@@ -210,7 +210,7 @@ def _answer(before: Design, poses: Any) -> Design:
     )
     question = before.question.over(both)
     objective = question.objective()
-    old, new = np.repeat([1.0, 0.0], n), np.repeat([0.0, 1.0], n)
+    old, new = np.repeat([1, 0], n), np.repeat([0, 1], n)
     share = fallen(objective, objective.value(old), objective.value(new))
     if not share > 0:
         return replace(before, stopped=f"{before.stopped}; no pose that was moved is better")

@@ -19,7 +19,7 @@ from ..arrays import Array, BoolArray, frozen
 from ..errors import InputError, RankDeficientError
 from ..information import inverse_root
 from .certificate import lower_bound
-from .criteria import EOptimal
+from .criteria import AOptimal, EOptimal
 from .feasible import Feasible
 from .interior_point import Optimum, minimise
 from .objective import Objective
@@ -46,8 +46,8 @@ def relax(objective: Objective, feasible: Feasible, goal: float = 1e-6) -> Relax
     Parameters
     ----------
     objective : Objective
-        Of a convex criterion. Where its second derivative is not known, the weights are those of its guide, and the
-        bound is what they prove: not tight as a rule.
+        Of a convex criterion. Where its second derivative is not known, the weights are those of A, and the bound is
+        what they prove: not tight as a rule.
     feasible : Feasible
     goal : float, default 1e-6
         Relative gap (in variance) at which the weights are good enough.
@@ -69,7 +69,7 @@ def relax(objective: Objective, feasible: Feasible, goal: float = 1e-6) -> Relax
         return relax_largest(objective, feasible, goal)
     guided = not objective.criterion.curved
     if guided or feasible.cost @ feasible.cap <= feasible.total * (1 + 1e-12):
-        guide = replace(objective, criterion=objective.criterion.guide)
+        guide = replace(objective, criterion=AOptimal())
         weights = relax(guide, feasible, goal).weights if guided else feasible.cap
         return _priced(objective, feasible, weights, objective.mix(objective.local(weights).pieces), goal, 0)
     return _generated(objective, feasible, goal)

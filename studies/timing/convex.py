@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import statistics
-import time
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -13,18 +12,13 @@ import numpy as np
 import pandas as pd
 
 import hexopt as hx
+from studies.timing.nonlinear import seconds
 
 #: Rows, unknowns and rows a pose: Type I consecutive at N = 15, and its direct form.
 SHAPES = ((42, 6, 3), (45, 9, 3))
 HUBER, GROUP = 1.345, 2.5
 TIGHT = 1e-12  # Clarabel's tolerances where cvxpy's answer is to be as good as ours
 RADIUS = 0.05  # of the box, so that about half of the problems touch it
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
 
 
 def rows(n_problems: int, m: int, p: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -105,7 +99,7 @@ def _race(
 
     slow()
     proven = float(np.mean(hx.estimate(problem, estimator).ok))
-    runs = [(_seconds(slow) / few, _seconds(exact) / few, _seconds(fast) / count) for _ in range(repeats)]
+    runs = [(seconds(slow) / few, seconds(exact) / few, seconds(fast) / count) for _ in range(repeats)]
     return {
         "cvxpy, µs": 1e6 * statistics.median(run[0] for run in runs),
         "at 1e-12, µs": 1e6 * statistics.median(run[1] for run in runs),
@@ -149,7 +143,7 @@ def against_loops(n_problems: int, repeats: int) -> pd.DataFrame:
 
         work()
         fast()
-        pairs = [(_seconds(work) / few, _seconds(fast) / n_problems) for _ in range(repeats)]
+        pairs = [(seconds(work) / few, seconds(fast) / n_problems) for _ in range(repeats)]
         table.append(
             {
                 "peer": peer,

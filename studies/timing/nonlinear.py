@@ -22,20 +22,24 @@ OFF = 0.5  # of the nominal, in every coordinate, in cm
 Rows = tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]
 
 
-def _seconds(work: Callable[[], object]) -> float:
+def seconds(work: Callable[[], object]) -> float:
+    """How long it takes, once."""
     start = time.perf_counter()
     work()
     return time.perf_counter() - start
 
 
-def race(fast: Callable[[], object], slow: Callable[[], int], n_sets: int, repeats: int) -> dict[str, float]:
+def race(
+    fast: Callable[[], object], slow: Callable[[], int], n_sets: int, repeats: int, unit: str = "µs"
+) -> dict[str, float]:
     """Times a set, in turn: `slow` says how many sets it solved, `fast` solves `n_sets`."""
+    in_unit = {"µs": 1e6, "ms": 1e3}[unit]
     few = slow()
     fast()
-    pairs = [(_seconds(slow) / few, _seconds(fast) / n_sets) for _ in range(repeats)]
+    pairs = [(seconds(slow) / few, seconds(fast) / n_sets) for _ in range(repeats)]
     return {
-        "peer, µs": 1e6 * statistics.median(one for one, _ in pairs),
-        "hexopt, µs": 1e6 * statistics.median(two for _, two in pairs),
+        f"peer, {unit}": in_unit * statistics.median(one for one, _ in pairs),
+        f"hexopt, {unit}": in_unit * statistics.median(two for _, two in pairs),
         "ratio (median of pairs)": statistics.median(one / two for one, two in pairs),
     }
 

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,9 @@ import hexopt as hx
 from studies.harness.task import single_threaded
 from studies.timing.convex import against_cvxpy, against_loops
 from studies.timing.likelihood import against_peers
-from studies.timing.nonlinear import against_ipopt, against_scipy
+from studies.timing.nonlinear import against_ipopt, against_scipy, seconds
 from studies.timing.plain_loop import plain_loop
+from studies.timing.selection import against_clarabel, against_exchange, against_free_poses, proofs
 
 ERR = 0.01
 POSES = (7, 20, 50)
@@ -36,30 +38,44 @@ def main(argv: Sequence[str] | None = None) -> int:
     options.add_argument(
         "--whole", action="store_true", help="also time whole sweeps: growth with the sets, and memory"
     )
+    options.add_argument(
+        "--candidates", type=int, default=100_000, help="the most poses to choose from; else a hundredth [%(default)s]"
+    )
+    options.add_argument("--prove", type=float, default=60.0, help="seconds of branch and bound, at most [%(default)s]")
+    options.add_argument("--only", nargs="+", metavar="TABLE", help="these tables, by the names of their files")
     chosen = options.parse_args(argv)
     chosen.out.mkdir(parents=True, exist_ok=True)
+    tables = _tables(chosen.sets, chosen.candidates, chosen.repeats, chosen.prove)
+    if unknown := set(chosen.only or ()) - set(tables):
+        options.error(f"--only: no table {', '.join(sorted(unknown))}; there are {', '.join(tables)}")
     with single_threaded():
-        table = against_plain_loop(chosen.sets, chosen.repeats)
-        _show(table, chosen.out / "plain_loop.csv")
-        _show(against_cvxpy(chosen.sets, chosen.repeats), chosen.out / "convex.csv")
-        _show(against_loops(chosen.sets, chosen.repeats), chosen.out / "loops.csv")
-        _show(against_scipy(chosen.sets, chosen.repeats), chosen.out / "nonlinear.csv")
-        _show(against_ipopt(chosen.sets, chosen.repeats), chosen.out / "ipopt.csv")
-        _show(against_peers(chosen.sets, chosen.repeats), chosen.out / "likelihood.csv")
+        for name in chosen.only or tables:
+            _show(tables[name](), chosen.out / f"{name}.csv")
     if chosen.whole:
         _show(growth(chosen.repeats), chosen.out / "growth.csv")
     return 0
 
 
+def _tables(sets: int, candidates: int, repeats: int, limit: float) -> dict[str, Callable[[], pd.DataFrame]]:
+    """What is measured, by name."""
+    few = candidates // 100
+    return {
+        "plain_loop": partial(against_plain_loop, sets, repeats),
+        "convex": partial(against_cvxpy, sets, repeats),
+        "loops": partial(against_loops, sets, repeats),
+        "nonlinear": partial(against_scipy, sets, repeats),
+        "ipopt": partial(against_ipopt, sets, repeats),
+        "likelihood": partial(against_peers, sets, repeats),
+        "candidates": partial(against_free_poses, candidates, repeats),
+        "relaxations": partial(against_clarabel, few, repeats),
+        "designs": partial(against_exchange, few, candidates, repeats),
+        "proofs": partial(proofs, few, limit),
+    }
+
+
 def _show(table: pd.DataFrame, path: Path) -> None:
     print(table.to_string(index=False, float_format="{:.3g}".format), end="\n\n")
     table.to_csv(path, index=False)
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
 
 
 def against_plain_loop(n_sets: int, repeats: int) -> pd.DataFrame:
@@ -83,7 +99,7 @@ def against_plain_loop(n_sets: int, repeats: int) -> pd.DataFrame:
                 return plain_loop(leg, home, robot.ranges, n_poses, few, ERR, rng, by_pose=by_pose)
 
             ours(), plain()  # warm
-            pairs = [(_seconds(plain) / few, _seconds(ours) / n_sets) for _ in range(repeats)]
+            pairs = [(seconds(plain) / few, seconds(ours) / n_sets) for _ in range(repeats)]
             rows.append(
                 {
                     "poses N": n_poses,

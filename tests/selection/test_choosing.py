@@ -50,6 +50,25 @@ class TestEveryCriterion:
         np.testing.assert_array_equal(one.indices, two.indices)
 
 
+class TestTwins:
+    @pytest.mark.parametrize(
+        ("index", "twin", "root"), [("O1", "D", lambda v: np.exp(np.divide(v, 12))), ("O3", "E", np.sqrt)]
+    )
+    def test_an_index_is_proven_as_its_twin_is(self, direction, index, twin, root):
+        one, two = hx.select_poses(direction, 6, index), hx.select_poses(direction, 6, twin)
+        np.testing.assert_array_equal(one.indices, two.indices)
+        np.testing.assert_allclose([one.value, one.bound, one.relaxed], root([two.value, two.bound, two.relaxed]))
+        assert one.criterion == index
+        assert one.efficiency == pytest.approx(two.efficiency)
+        assert one.value == pytest.approx(one.question.objective().value(np.bincount(one.indices, minlength=200)))
+
+    def test_the_average_of_scenarios_is_another_matter(self, direction):
+        nominals = [ROBOT.perturbed(0.5, rng=k).leg(3) for k in range(2)]
+        average = hx.select_poses(direction, 6, "O1", at=nominals)
+        assert average.bound <= average.value
+        assert hx.select_poses(direction, 6, "O1", at=nominals, worst=True).efficiency > 0.9
+
+
 class TestProof:
     @pytest.mark.parametrize("criterion", ["A", "D", "E"])
     def test_it_is_the_best_of_all(self, length, criterion):
@@ -80,6 +99,20 @@ class TestMeasuredBefore:
         assert after.value < np.trace(both.covariance(np.ones(10))[0])
         whole = pose_information(direction).take(np.concatenate([first.indices, rest[after.indices]]))
         np.testing.assert_allclose(after.value, np.trace(whole.covariance(np.ones(10))[0]), rtol=1e-9)
+
+    def test_what_was_measured_is_not_chosen_again(self, direction):
+        first = hx.select_poses(direction, 5)
+        after = hx.select_poses(direction, 5, measured=direction.over(first.poses))
+        assert not set(after.indices) & set(first.indices)
+        assert (after.weights[first.indices] == 0).all()
+        np.testing.assert_array_equal(after.poses.position, direction.data.position[after.indices])
+        rest = np.setdiff1d(np.arange(200), first.indices)
+        apart = hx.select_poses(direction.over(direction.data.poses(rest)), 5, measured=direction.over(first.poses))
+        np.testing.assert_array_equal(after.indices, rest[apart.indices])
+        again = hx.select_poses(direction, 5, measured=direction.over(first.poses), repeat=True)
+        assert again.bound <= after.bound + 1e-12
+        with pytest.raises(hx.errors.InputError, match="196 to be measured, but all candidates together make 195"):
+            hx.select_poses(direction, 196, measured=direction.over(first.poses))
 
     def test_then_one_pose_is_enough(self, direction):
         first = direction.over(direction.data.poses(slice(0, 5)))

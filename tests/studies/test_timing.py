@@ -10,6 +10,7 @@ from studies.timing.likelihood import DirectionRows, directions
 from studies.timing.nonlinear import leg_lengths, plain_rows
 from studies.timing.plain_loop import plain_loop
 from studies.timing.run import main
+from studies.timing.selection import CHOSEN, equation, information, plain_exchange, reached, solved
 
 
 @pytest.mark.parametrize("by_pose", [True, False])
@@ -51,8 +52,48 @@ def test_scipy_maximises_the_likelihood_too():
         assert residual(expected) @ residual(expected) == pytest.approx(found.chi2[i], rel=1e-8)
 
 
-def test_it_writes_its_table(tmp_path, capsys):
-    assert main(["--out", str(tmp_path), "--repeats", "1", "--sets", "20"]) == 0
+SELECTIONS = [(setting, criterion) for setting in ("I", "II", "III") for criterion in ("A", "D")]
+
+
+@pytest.mark.parametrize(("setting", "criterion"), SELECTIONS)
+def test_cvxpy_ends_at_the_relaxation(setting, criterion):
+    loop = equation(setting, 40)
+    value, alone = solved(information(loop), loop.parameters.main.size, criterion)
+    design = hx.select_poses(loop, CHOSEN, criterion, starts=1)
+    assert value == pytest.approx(design.relaxed, rel=1e-6)
+    assert alone > 0
+
+
+@pytest.mark.parametrize(("setting", "criterion"), SELECTIONS)
+def test_the_plain_exchange_ends_where_no_exchange_helps(setting, criterion):
+    loop = equation(setting, 30)
+    matrices, k = information(loop), loop.parameters.main.size
+
+    def value(index):
+        covariance = np.linalg.inv(matrices[index].sum(axis=0))[:k, :k]
+        return np.trace(covariance) if criterion == "A" else np.linalg.slogdet(covariance)[1]
+
+    chosen, found = plain_exchange(matrices, k, criterion)
+    assert len(set(chosen)) == CHOSEN
+    assert found == pytest.approx(value(chosen), rel=1e-9)
+    rest = np.setdiff1d(np.arange(30), chosen)
+    others = [np.append(np.delete(chosen, place), new) for place in range(CHOSEN) for new in rest]
+    assert min(map(value, others)) >= found - 1e-9 * abs(found)
+    design = hx.select_poses(loop, CHOSEN, criterion)
+    assert value(design.indices) == pytest.approx(design.value, rel=1e-8)  # they speak of the same criterion
+    assert reached(design.bound, design.value, criterion, k) == pytest.approx(design.efficiency)
+    assert reached(design.bound, found, criterion, k) <= 1
+
+
+def test_a_table_that_is_not_there_is_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        main(["--out", str(tmp_path), "--only", "proof"])
+    assert "--only: no table proof; there are plain_loop" in capsys.readouterr().err
+
+
+def test_it_writes_its_tables(tmp_path, capsys):
+    small = ["--repeats", "1", "--sets", "20", "--candidates", "3000"]
+    assert main(["--out", str(tmp_path), *small]) == 0
     table = pd.read_csv(tmp_path / "plain_loop.csv")
     assert list(table["poses N"]) == [7, 7, 20, 20, 50, 50]
     assert set(pd.read_csv(tmp_path / "nonlinear.csv")["covariance"]) == {True, False}
@@ -61,3 +102,8 @@ def test_it_writes_its_table(tmp_path, capsys):
     assert list(peers["poses N"]) == [7] * 4 + [20] * 4
     assert set(peers["estimator"]) == {"MaximumLikelihood", "UnitNormLeastSquares"}
     assert "ratio" in capsys.readouterr().out
+    tables = [pd.read_csv(tmp_path / f"{name}.csv") for name in ("candidates", "relaxations", "designs", "proofs")]
+    assert [len(table) for table in tables] == [3, 6, 18, 6]
+    assert all(set(table["type"]) == {"I", "II", "III"} for table in tables)
+    assert (tables[1]["hexopt, above bound"] <= 1e-6).all()
+    assert tables[3]["proven"].all()

@@ -1,0 +1,16 @@
+"""The information that poses bring, in the coordinates that choices of poses work in."""
+
+from .gathering import pose_information, scenario_values
+from .matrices import PoseInformation, inverse_root, main_covariance
+from .scalars import chosen_scalars, coordinate_units, expected_spreads
+
+__all__ = [
+    "PoseInformation",
+    "chosen_scalars",
+    "coordinate_units",
+    "expected_spreads",
+    "inverse_root",
+    "main_covariance",
+    "pose_information",
+    "scenario_values",
+]
