@@ -25,7 +25,7 @@ def pose_information(
     at: Any = None,
     of: Sequence[str] | None = None,
     spread: Mapping[str, float] | None = None,
-    measured: Implicit | Estimate | Sequence[Implicit | Estimate] = (),
+    measured: Implicit | Estimate | Sequence[Implicit | Estimate] | None = None,
 ) -> PoseInformation:
     r"""Information :math:`M_i = J_i^T J_i` of every pose, :math:`J_i` its whitened rows by scaled coordinates.
 
@@ -37,8 +37,8 @@ def pose_information(
     at : values, geometry or Estimate, or a list of them, optional
         Where it is evaluated; several are scenarios. By default the target's start: as a rule its nominal.
     of : sequence of str, optional
-        Blocks of interest; the others are estimated on the way. By default all that are no nuisance. Of several
-        legs "base_point" means that of each.
+        Blocks of interest; the others are estimated on the way, and must be seen too. By default all that are no
+        nuisance. Of several legs "base_point" means that of each.
     spread : dict of str to float, optional
         Expected spread of blocks by name, in their units; by default their ``scale``, 1.
     measured : loop or Estimate, or a list of them, optional
@@ -63,7 +63,7 @@ def pose_information(
     sizes = expected_spreads(parameters, spread)
     if target.batch_shape:
         raise InputError(f"expected one set of poses, got a batch of {target.batch_shape}; take one, such as data[0]")
-    known = tuple(measured) if isinstance(measured, (list, tuple)) else (measured,)
+    known = () if measured is None else tuple(measured) if isinstance(measured, (list, tuple)) else (measured,)
     if isinstance(target, LinearProblem):
         if at is not None:
             raise InputError("at: a problem is evaluated where it was made; write loop.linear(at=…), or give the loop")
@@ -72,7 +72,7 @@ def pose_information(
     else:
         loops = [one for one in known if isinstance(one, Implicit)]
         blocks, fixed = _of_model(target, at, loops)
-        units = [np.r_[parameters[name]] for name in target.unit_vectors]
+        units = [np.r_[parameters[name]] for name in _units_of(target)]
         places = np.setdiff1d(np.arange(parameters.size), np.concatenate([np.zeros(0, dtype=int), *units]))
     for one in known:
         if isinstance(one, Estimate):
@@ -92,13 +92,24 @@ def pose_information(
     both = order_scale[:, None] * order_scale
     units_of = [block.unit for block in parameters for _ in range(block.size)]
     chosen = places[first]
+    names = [
+        *(parameters.labels[i] for i in places),
+        *np.repeat(_units_of(target), 2),
+        *["a shared error"] * len(order),
+    ]
     return PoseInformation(
         blocks[..., order[:, None], order] * both,
         fixed[..., order[:, None], order] * both,
         tuple(parameters.labels[i] for i in chosen),
         tuple(units_of[i] for i in chosen),
         sizes[chosen],
+        tuple(str(names[i]) for i in order[len(first) :]),
     )
+
+
+def _units_of(target: Implicit | LinearProblem) -> tuple[str, ...]:
+    """The blocks that are unit vectors, with two coordinates each."""
+    return target.unit_vectors if isinstance(target, Implicit) else ()
 
 
 def scenario_values(model: Implicit, at: Any = None) -> Array:

@@ -37,6 +37,8 @@ class PoseInformation:
         The k scalars of interest.
     spread : ndarray, shape (k,)
         The unit of each coordinate of interest: its parameter's expected spread.
+    others : tuple of str
+        What the m − k other coordinates are, for messages.
     """
 
     blocks: Array
@@ -44,6 +46,7 @@ class PoseInformation:
     labels: tuple[str, ...]
     units: tuple[str, ...]
     spread: Array
+    others: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("blocks", "fixed", "spread"):
@@ -84,8 +87,13 @@ class PoseInformation:
         words = []
         for vector in null_combinations(scaled, threshold=0.05, at_least=max(lost, 1)) / safe:
             main = vector[: self.main] * self.spread
-            words.append(scalars.combination(main) if np.abs(main).max() > 0 else "something estimated on the way")
+            words.append(scalars.combination(main) if np.abs(main).max() > 0 else self._on_the_way(vector))
         return tuple(words)
+
+    def _on_the_way(self, vector: Array) -> str:
+        """What is not of interest, and not seen."""
+        found = [name for name, share in zip(self.others, vector[self.main :], strict=False) if share != 0]
+        return f"{', '.join(dict.fromkeys(found)) or 'something'} (estimated on the way)"
 
     def covariance(self, weights: Array) -> Array:
         r""":math:`K^T M(w)^{-1} K`, shape (S, k, k), in units of the spread; infinite where M(w) is singular."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import Array, BoolArray, as_array
+from ..arrays import Array, BoolArray, as_array, brief
 from ..errors import InputError
 from ..parameters import Parameters
 
@@ -25,6 +25,8 @@ def chosen_scalars(parameters: Parameters, of: Sequence[str] | None) -> BoolArra
 
 def expected_spreads(parameters: Parameters, spread: Mapping[str, float] | None) -> Array:
     """The expected spread of every scalar, shape (p,)."""
+    if spread is not None and not isinstance(spread, Mapping):
+        raise InputError(f"spread: expected a size by block name, such as {{'base_point': 0.5}}; got {brief(spread)}")
     sizes = np.array(parameters.scale)
     for given, value in (spread or {}).items():
         named = _named("spread", parameters, given)

@@ -22,7 +22,7 @@ from .criteria import AOptimal, Criterion
 from .design import Design
 from .exchange import Counts, best_of
 from .feasible import Feasible
-from .indices import ConditionNumber
+from .indices import RESOLVED, ConditionNumber
 from .objective import Objective
 from .question import Question, criterion_of
 from .relaxation import Relaxation, relax
@@ -36,7 +36,7 @@ def select_poses(
     n: int | None = None,
     criterion: str | Criterion = "A",
     *,
-    measured: Implicit | Estimate | Sequence[Implicit | Estimate] = (),
+    measured: Implicit | Estimate | Sequence[Implicit | Estimate] | None = None,
     at: Any = None,
     worst: bool = False,
     of: Sequence[str] | None = None,
@@ -97,8 +97,8 @@ def select_poses(
     InputError
         For more poses than candidates, two candidates that are one pose, wrong names or values.
     RankDeficientError
-        If no such design determines the parameters of interest; the message says how many poses it takes at least,
-        or names what no candidate sees.
+        If no such design determines all unknowns, those that are not of interest included; the message says how many
+        poses it takes at least, or names what no candidate sees.
 
     References
     ----------
@@ -173,7 +173,8 @@ def relaxation_of(objective: Objective, feasible: Feasible) -> Relaxation | None
     if objective.criterion.convex:
         return relax(objective, feasible)
     if isinstance(objective.criterion, ConditionNumber) and len(objective.information.blocks) == 1:
-        return relax_condition(objective.information, feasible)
+        relaxation = relax_condition(objective.information, feasible)
+        return relaxation if relaxation.value < RESOLVED else None
     return None
 
 
@@ -249,8 +250,8 @@ def _feasible(
         raise InputError(f"cost: expected costs > 0, got {costs.min():g}")
     if total < costs.min():
         raise InputError(f"budget: {total:g} buys no pose, the cheapest costs {costs.min():g}")
-    affordable = np.floor(total / costs * (1 + 1e-12))
-    return Feasible(np.minimum(affordable, often or np.inf), costs, total)
+    cap = np.minimum(np.floor(total / costs * (1 + 1e-12)), often or np.inf)
+    return Feasible(cap, costs, min(total, float(costs @ cap)))  # it may buy them all
 
 
 def _check_enough(information: PoseInformation, feasible: Feasible) -> None:

@@ -14,8 +14,10 @@ from ..arrays import Array, as_count, brief, transpose
 from ..errors import InputError
 from .criteria import Criterion, DOptimal, EOptimal
 
-__all__ = ["ConditionNumber", "ObservabilityIndex"]
+__all__ = ["RESOLVED", "ConditionNumber", "ObservabilityIndex"]
 
+#: A condition number beyond this is rounding.
+RESOLVED = 1e7
 #: Eigenvalues below this share of the largest are rounding.
 FLOOR = float(np.finfo(float).eps)
 #: Of these, 1/O is convex in the weights.
@@ -32,7 +34,11 @@ class _Index(Criterion):
         """1/O; infinite for infinite C."""
         finite = np.isfinite(np.einsum("...ii->...", covariance))
         safe = np.where(finite[..., None, None], covariance, np.eye(covariance.shape[-1]))
-        return np.where(finite, _inverse_index(self._number(), _raised(np.linalg.eigvalsh(safe)))[0], np.inf)[..., None]
+        if self._number() == 1:  # keeps the digits of small eigenvalues
+            index = np.exp(np.linalg.slogdet(safe)[1] / (2 * safe.shape[-1]))
+        else:
+            index = _inverse_index(self._number(), _raised(np.linalg.eigvalsh(safe)))[0]
+        return np.where(finite, index, np.inf)[..., None]
 
     def slopes(self, covariance: Array) -> Array:
         """The gradient of 1/O by C; where an extreme eigenvalue is multiple, not the only one."""

@@ -63,10 +63,10 @@ class Question:
     at: Any = None
     of: Sequence[str] | None = None
     spread: Mapping[str, float] | None = None
-    measured: Implicit | Estimate | Sequence[Implicit | Estimate] = ()
+    measured: Implicit | Estimate | Sequence[Implicit | Estimate] | None = None
 
     def __post_init__(self) -> None:
-        given = self.at is not None or self.of is not None or self.spread is not None or self.measured != ()
+        given = self.at is not None or self.of is not None or self.spread is not None or self.measured is not None
         if isinstance(self.target, PoseInformation) and given:
             raise InputError("at, of, spread, measured: bare information has them in it; give them to pose_information")
 

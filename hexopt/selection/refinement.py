@@ -77,7 +77,8 @@ def refine_poses(
     Raises
     ------
     InputError
-        For candidates of several sets or without poses, chosen poses that the robot does not reach, and wrong settings.
+        For candidates of several sets or without poses, chosen poses that the robot does not reach, a robot without
+        limits, and wrong settings.
 
     Notes
     -----
@@ -98,6 +99,8 @@ def refine_poses(
     """
     if not isinstance(design, Design):
         raise InputError(f"design: expected a Design from select_poses, got {brief(design)}")
+    check_robot(robot)
+    _check_limits(robot, accept)
     search = _Search(design, robot, accept, as_count("neighbours", neighbours), as_generator(rng))
     reach = REACH
     for _ in range(as_count("rounds", rounds)):
@@ -106,6 +109,18 @@ def refine_poses(
         if reach < LEAST:
             break
     return _answer(design, search.poses)
+
+
+def _check_limits(robot: Hexapod, accept: Accept | None) -> None:
+    """Where nothing holds them, poses would run away: far-off ones see more."""
+    limits = robot.limits
+    turns = (limits.angles, limits.tilt, limits.base_tilt, limits.leg_tilt)
+    free = ["leg lengths"] * (limits.leg_length is None) + ["angles"] * all(one is None for one in turns)
+    if free and accept is None:
+        raise InputError(
+            f"robot: {robot.name} has no limits on {' and '.join(free)}, within which poses could move; give it "
+            "limits=Limits(leg_length=…, angles=…), or a condition, accept="
+        )
 
 
 def moved(leg: Leg, lock: Lock, position: Array, rotation: Array, step: Array) -> tuple[Array, Array]:
@@ -128,7 +143,6 @@ class _Search:
     def __init__(
         self, design: Design, robot: Hexapod, accept: Accept | None, count: int, rng: np.random.Generator
     ) -> None:
-        check_robot(robot)
         poses = design.poses
         if not isinstance(poses, (LegMeasurements, Measurements)):
             came = "bare information" if poses is None else f"{len(poses)} sets"

@@ -143,6 +143,19 @@ class TestRepeatsAndCosts:
         plain = hx.select_poses(direction, len(design.indices))
         assert cost[design.indices].sum() < cost[plain.indices].sum()
 
+    def test_what_costs_too_much_is_left_out(self, direction):
+        cost = np.ones(200)
+        cost[hx.select_poses(direction, 6).indices] = 6.5
+        design = hx.select_poses(direction, cost=cost, budget=6.0)
+        assert len(design.indices) == 6
+        assert (cost[design.indices] == 1).all()
+        assert design.weights[cost > 6].max() == 0
+
+    def test_a_budget_may_buy_them_all(self, length):
+        design = hx.select_poses(length, cost=np.ones(60), budget=100.0)
+        np.testing.assert_array_equal(design.indices, np.arange(60))
+        assert design.efficiency == pytest.approx(1.0)
+
     def test_equal_costs_are_a_number_of_poses(self, direction):
         one = hx.select_poses(direction, 6)
         two = hx.select_poses(direction, cost=np.full(200, 2.0), budget=12.5)
@@ -225,6 +238,7 @@ class TestBadInput:
             (7, {"prove": -1}, "InputError", "prove: expected seconds > 0"),
             (7, {"rng": "x"}, "InputError", "rng: expected a seed"),
             (7, {"repeat": 0}, "InputError", "repeat: expected a whole number >= 1"),
+            (7, {"spread": 0.5}, "InputError", "spread: expected a size by block name"),
         ],
     )
     def test_settings(self, direction, n, settings, error, message):
@@ -250,6 +264,11 @@ class TestBadInput:
         data = hx.LegMeasurements(data.position, data.rotation, data.length, "direction", NOISE, data.nominal)
         with pytest.raises(hx.errors.RankDeficientError, match="base_point"):
             hx.select_poses(hx.loops.FixedDirection(data), 7)
+
+    def test_what_is_not_of_interest_must_be_seen_too(self):
+        pool = hx.candidates(ROBOT, 3, "direction", 40, NOISE, rng=1)
+        with pytest.raises(hx.errors.RankDeficientError, match=r"leg3\.base_point.*estimated on the way"):
+            hx.select_poses(hx.loops.WholeRobot(pool), 12, of="leg1.base_point")
 
     def test_no_loop(self):
         with pytest.raises(hx.errors.InputError, match="expected a loop over the poses"):

@@ -181,6 +181,8 @@ def test_what_is_refused(left_hand):
         hx.refine_poses(design, narrow, rng=0)
     with pytest.raises(hx.errors.InputError, match="expected a mask"):
         hx.refine_poses(design, left_hand, accept=lambda position, rotation: True, rng=0)
+    with pytest.raises(hx.errors.InputError, match="has no limits on leg lengths and angles"):
+        hx.refine_poses(design, replace(left_hand, limits=hx.Limits()), rng=0)
     bare = replace(design, poses=None)
     with pytest.raises(hx.errors.InputError, match="bare information"):
         hx.refine_poses(bare, left_hand, rng=0)
