@@ -1,0 +1,1 @@
+"""Which poses: random, by condition number, by observability index, by A, D and E; the error that each leads to."""
