@@ -5,17 +5,19 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import norm
+from ..arrays import brief, norm
 from ..errors import InputError
 from ..geometry import Hexapod
 from ..geometry.units import length_factor
 from ..kinematics import leg_lengths
 from ..measurements import LegMeasurements, Measurements
+from ..simulation import check_robot
+from .design import Design
 
 __all__ = ["measuring_order"]
 
 
-def measuring_order(robot: Hexapod, poses: LegMeasurements | Measurements) -> npt.NDArray[np.intp]:
+def measuring_order(robot: Hexapod, poses: LegMeasurements | Measurements | Design) -> npt.NDArray[np.intp]:
     r"""A short way through poses: from home to the nearest, then always on to the nearest that is left.
 
     How near two poses are is how much the six legs change their true lengths, :math:`\lVert\ell_i - \ell_j\rVert`, so
@@ -24,7 +26,7 @@ def measuring_order(robot: Hexapod, poses: LegMeasurements | Measurements) -> np
     Parameters
     ----------
     robot : Hexapod
-    poses : Measurements or LegMeasurements
+    poses : Measurements, LegMeasurements or Design
         One set of n poses; their readings are not used.
 
     Returns
@@ -35,7 +37,7 @@ def measuring_order(robot: Hexapod, poses: LegMeasurements | Measurements) -> np
     Raises
     ------
     InputError
-        For a batch of sets.
+        For a batch of sets, or a design over several.
 
     Examples
     --------
@@ -47,10 +49,14 @@ def measuring_order(robot: Hexapod, poses: LegMeasurements | Measurements) -> np
     >>> hx.measuring_order(robot, pool)
     array([1, 3, 0, 2])
     """
-    if poses.batch_shape:
-        raise InputError(f"poses: expected one set, got a batch of {poses.batch_shape}; take one, such as poses[0]")
-    lengths = leg_lengths(robot, poses.position * length_factor(poses.length_unit, robot.length_unit), poses.rotation)
-    here, left, order = robot.home_lengths, list(range(poses.n_poses)), []
+    check_robot(robot)
+    data = poses.poses if isinstance(poses, Design) else poses
+    if not isinstance(data, (LegMeasurements, Measurements)):
+        raise InputError(f"poses: expected Measurements, LegMeasurements or a Design over one set, got {brief(poses)}")
+    if data.batch_shape:
+        raise InputError(f"poses: expected one set, got a batch of {data.batch_shape}; take one, such as poses[0]")
+    lengths = leg_lengths(robot, data.position * length_factor(data.length_unit, robot.length_unit), data.rotation)
+    here, left, order = robot.home_lengths, list(range(data.n_poses)), []
     while left:
         nearest = left.pop(int(np.argmin(norm(lengths[left] - here))))
         order.append(nearest)

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, transpose
 from ..errors import RankDeficientError
+from ..information import inverse_root
 from .criteria import DOptimal
 from .exchange import Counts, exchange, factors
 from .feasible import Feasible
@@ -108,11 +109,17 @@ def _mended(objective: Objective, feasible: Feasible, counts: Counts, rows: Arra
     if np.isfinite(objective.value(counts)):
         return counts
     information = objective.information
-    little = TRACE * (information.blocks.sum(axis=1) + information.fixed)
-    every = replace(information, fixed=information.fixed + little, labels=("",) * information.size)
-    volume = Objective(every, DOptimal())
+    root, _ = inverse_root(information.blocks.sum(axis=1) + information.fixed)
+    little = TRACE * np.eye(information.size)  # of the information of all candidates, in whose coordinates this is
+    every = replace(
+        information,
+        blocks=transpose(root)[:, None] @ information.blocks @ root[:, None],
+        fixed=transpose(root) @ information.fixed @ root + little,
+        labels=("",) * information.size,
+    )
+    volume, turned = Objective(every, DOptimal()), rows @ root[:, None]
     for _ in range(information.size):
-        counts, _ = exchange(volume, feasible, counts, 1, rows)
+        counts, _ = exchange(volume, feasible, counts, 1, turned)
         if np.isfinite(objective.value(counts)):
             return counts
     return None

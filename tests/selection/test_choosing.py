@@ -207,6 +207,16 @@ class TestWholeRobot:
         assert [part.locked_leg for part in design.poses] == [1, 2, 3, 4, 5, 6]
 
 
+class TestHardlySeen:
+    @pytest.mark.parametrize(("seed", "criterion"), [(0, "D"), (3, "A"), (4, "A")])
+    def test_as_few_poses_as_unknowns_of_a_robot_that_hardly_turns(self, seed, criterion):
+        rubin = hx.robots.rubin()
+        pool = hx.candidates(rubin, 3, "none", 300, hx.UniformNoise(1.0, 1e-6, 1.0), rng=np.random.default_rng(seed))
+        design = hx.select_poses(hx.loops.LegLength(pool.leg(3)), 7, criterion)
+        assert len(design.indices) == 7
+        assert 0.85 < design.efficiency <= 1 + 1e-6
+
+
 class TestBareInformation:
     def test_it_has_no_poses(self, direction):
         design = hx.select_poses(pose_information(direction), 6)
