@@ -162,7 +162,9 @@ def answer(
     bound, proven = relaxation.bound if relaxation else np.nan, False
     if prove is not None:
         if relaxation is None or not objective.criterion.convex:
-            raise InputError(f"prove: {objective.criterion.name} is not convex, so there are no bounds to prove it by")
+            raise InputError(
+                f"prove: {objective.criterion.name} is not convex, so nothing bounds designs of which some poses are set"
+            )
         proof = prove_best(objective, feasible, counts, relaxation, seconds=prove)
         counts, bound, proven, stopped = proof.counts, max(bound, proof.bound), proof.proven, proof.stopped
     return design_of(question, objective, counts, relaxation, bound, proven, stopped)

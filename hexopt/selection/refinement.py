@@ -18,6 +18,7 @@ from ..errors import InputError
 from ..geometry import Hexapod, Leg
 from ..kinematics import inverse_kinematics, leg_vector, reachable
 from ..measurements import LegMeasurements, Lock, Measurements
+from ..pools.clamp import Clamp
 from ..pools.exact import Accept, checked_mask
 from ..rotations import rotation_vector_to_matrix
 from ..simulation import check_robot
@@ -31,6 +32,8 @@ __all__ = ["moved", "refine_poses"]
 REACH, SHRINK, LEAST = 0.2, 0.5, 1e-4
 #: A round gains enough if it takes this share off the variance.
 ENOUGH = 1e-4
+#: Poses that are off one clamp by more, in sizes of the robot, were made with another robot.
+CLAMPED = 1e-4
 #: Steps that leave the limits are halved so often before they are given up.
 HALVINGS = 5
 
@@ -150,6 +153,13 @@ class _Search:
         self.poses, self.question, self.robot, self.accept = poses, design.question, robot, accept
         number = poses.leg if isinstance(poses, LegMeasurements) else poses.locked_leg or 1
         self.leg, self.count, self.rng = robot.leg(number), count, rng
+        clamp = Clamp.of_poses(robot, number, poses.lock, poses.position, poses.rotation)
+        off = float(clamp.distance(poses.position, poses.rotation).max())
+        if off > CLAMPED * robot.size:
+            raise InputError(
+                f"design: its poses are up to {off:.3g} {robot.length_unit} off one clamp of {robot.name}; give "
+                "the robot that the candidates were made with"
+            )
         outside = ~self._inside(poses.position, poses.rotation)
         if outside.any():
             raise InputError(

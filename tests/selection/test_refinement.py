@@ -176,6 +176,8 @@ def test_what_is_refused(left_hand):
         hx.refine_poses(design, left_hand, rng=None)
     with pytest.raises(hx.errors.InputError, match="robot"):
         hx.refine_poses(design, left_hand.leg(3), rng=0)
+    with pytest.raises(hx.errors.InputError, match="off one clamp of"):
+        hx.refine_poses(design, left_hand.perturbed(0.5, rng=0), rng=0)
     narrow = replace(left_hand, limits=replace(left_hand.limits, angles=(0.01, 0.01, 0.01)))
     with pytest.raises(hx.errors.InputError, match="outside the limits of this robot"):
         hx.refine_poses(design, narrow, rng=0)
