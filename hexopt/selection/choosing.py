@@ -163,7 +163,7 @@ def answer(
     if prove is not None:
         if relaxation is None or not objective.criterion.convex:
             raise InputError(
-                f"prove: {objective.criterion.name} is not convex, so nothing bounds designs of which some poses are set"
+                f"prove: {objective.criterion.name} is not convex: nothing bounds designs of which some poses are set"
             )
         proof = prove_best(objective, feasible, counts, relaxation, seconds=prove)
         counts, bound, proven, stopped = proof.counts, max(bound, proof.bound), proof.proven, proof.stopped
