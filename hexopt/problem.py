@@ -226,6 +226,21 @@ class LinearProblem:
             return self.matrix, self.rhs
         return root.apply(self.matrix), root.apply(self.rhs[..., None])[..., 0]
 
+    def with_shared(self) -> tuple[Array, Array]:
+        """Whitened rows (..., m, p), and by the errors that they share, in their standard deviations, (..., m, r).
+
+        Direct rows of different poses are independent given these; other forms are whitened whole, and share nothing.
+        Where the noise is unknown the rows stay as they are.
+        """
+        nothing = np.zeros((*self.rhs.shape, 0))
+        if self.noise is None:
+            return self.matrix, nothing
+        direct = isinstance(self.form, Direct)
+        root, common = self.whitening(shared=not direct), self.row_covariance().common
+        if not direct or common is None:
+            return root.apply(self.matrix), nothing
+        return root.apply(self.matrix), root.apply(common.reshape(*self.rhs.shape, common.shape[-1]))
+
     def _dense(self, covariance: RowCovariance) -> Array:
         """D S D', (..., m, m)."""
         n, d = covariance.blocks.shape[-3:-1]

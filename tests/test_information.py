@@ -185,7 +185,9 @@ class TestBadInput:
             ({"spread": {"offset": 1.0}}, "spread: unknown parameter 'offset'"),
             ({"spread": {"base_point": 0.0}}, "expected spread > 0, got 0"),
             ({"measured": 3}, "measured: expected a loop like that over the candidates"),
-            ({"at": np.full(9, np.nan)}, "not finite"),
+            ({"at": np.full(9, np.nan)}, "at: 9 value.* are NaN"),
+            ({"at": "x"}, "at: expected values, a geometry or an Estimate, got 'x'"),
+            ({"at": object()}, "at: expected values"),
         ],
     )
     def test_settings(self, settings, message):
@@ -239,3 +241,18 @@ class TestBadInput:
             hx.errors.InputError, match="expected FixedDirection of platform_point, base_point, direction"
         ):
             pose_information(loop_of("direction"), measured=loop_of("leg"))
+
+    def test_measured_with_another_known_value(self):
+        found = hx.estimate(hx.loops.FixedLeg(pool("leg").leg(3)).linear(), hx.LeastSquares(weights="model"))
+        exact, estimated = loop_of("length"), loop_of("length", platform_point=found)
+        other = loop_of("length", platform_point=LEG.platform_point + 0.1)
+        for candidates, measured in ((exact, estimated), (estimated, exact), (exact, other)):
+            with pytest.raises(hx.errors.InputError, match="measured: knows platform_point by other values"):
+                pose_information(candidates, measured=measured)
+        again = loop_of("length", platform_point=found)
+        assert pose_information(estimated, measured=again).fixed[0, 0, 0] > 0
+
+    def test_measured_with_another_number_of_sets(self):
+        one, two = pool("none", 20, rng=1), pool("none", 20, rng=2)
+        with pytest.raises(hx.errors.InputError, match="measured: has 1 sets, and the candidates 2"):
+            pose_information(hx.loops.WholeRobot(one, two), measured=hx.loops.WholeRobot(one))

@@ -1,6 +1,6 @@
 """The information that poses bring, in the coordinates that choices of poses work in."""
 
-from .gathering import pose_information, scenario_values
+from .gathering import point_of, pose_information, scenario_values
 from .matrices import PoseInformation, inverse_root, main_covariance
 from .scalars import chosen_scalars, coordinate_units, expected_spreads
 
@@ -11,6 +11,7 @@ __all__ = [
     "expected_spreads",
     "inverse_root",
     "main_covariance",
+    "point_of",
     "pose_information",
     "scenario_values",
 ]

@@ -59,6 +59,8 @@ def _check_same_clamp(model: Implicit, measured: Implicit) -> None:
             f"measured: expected {type(model).__name__} of {', '.join(model.parameters.names)}, as over the "
             f"candidates; got {type(measured).__name__} of {', '.join(measured.parameters.names)}"
         )
+    if len(measured.parts) != len(model.parts):
+        raise InputError(f"measured: has {len(measured.parts)} sets, and the candidates {len(model.parts)}")
     for (part, _), (other, _) in zip(model.parts, measured.parts, strict=True):
         if not _same(_common(part), _common(other)):
             raise InputError(
@@ -70,6 +72,12 @@ def _check_same_clamp(model: Implicit, measured: Implicit) -> None:
             raise InputError(
                 f"measured: is on another clamp than the candidates: {difference}; make candidates on the clamp that "
                 "is set (given=…), or give the estimate from those poses instead"
+            )
+        known = part.known_otherwise(other)
+        if known:
+            raise InputError(
+                f"measured: knows {', '.join(known)} by other values than the candidates, or from another estimate; "
+                "give both the same"
             )
 
 

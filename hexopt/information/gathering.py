@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array, brief, transpose
+from ..arrays import Array, as_array, brief, transpose
 from ..errors import InputError, RankDeficientError
 from ..loops.implicit import Implicit
 from ..numerics.forms import Direct
@@ -17,7 +17,7 @@ from .before import estimate_information, measured_information
 from .matrices import PoseInformation
 from .scalars import chosen_scalars, coordinate_units, expected_spreads
 
-__all__ = ["pose_information", "scenario_values"]
+__all__ = ["point_of", "pose_information", "scenario_values"]
 
 
 def pose_information(
@@ -115,8 +115,18 @@ def _units_of(target: Implicit | LinearProblem) -> tuple[str, ...]:
 def scenario_values(model: Implicit, at: Any = None) -> Array:
     """Values of every scenario, shape (S, p): of one place or a list of them, by default the start."""
     many = at if isinstance(at, (list, tuple)) and not np.isscalar(at[0] if at else 0.0) else [at]
-    values = [model.start() if one is None else model.values(one) for one in many]
-    return np.concatenate([value.reshape(-1, model.parameters.size) for value in values])
+    return np.concatenate([point_of(model, one).reshape(-1, model.parameters.size) for one in many])
+
+
+def point_of(model: Implicit, at: Any) -> Array:
+    """Values of a loop, (..., p): at a place, or at its start."""
+    try:
+        values = model.start() if at is None else model.values(at)
+    except InputError:
+        raise
+    except (TypeError, ValueError):
+        raise InputError(f"at: expected values, a geometry or an Estimate, got {brief(at)}") from None
+    return as_array("at", values, (model.parameters.size,))
 
 
 def _of_model(model: Implicit, at: Any, measured: Sequence[Implicit]) -> tuple[Array, Array]:
@@ -137,12 +147,7 @@ def _of_problem(problem: LinearProblem) -> tuple[Array, Array]:
         raise InputError('the rows of a pose stand alone in the direct form only; write loop.linear("direct")')
     if problem.uncarried:
         raise InputError(f"no information: {problem.uncarried}")
-    rows, common = problem.matrix, np.zeros((len(problem.matrix), 0))
-    if problem.noise is not None:
-        root, shared = problem.whitening(shared=False), problem.row_covariance().common
-        rows = root.apply(rows)
-        if shared is not None:
-            common = root.apply(shared.reshape(len(rows), -1))
+    rows, common = problem.with_shared()
     prior = np.diag(np.repeat([0.0, 1.0], [rows.shape[-1], common.shape[-1]]))
     wide = np.concatenate([rows, common], axis=-1).reshape(-1, problem.rows_per_block, len(prior))
     return (transpose(wide) @ wide)[None], prior

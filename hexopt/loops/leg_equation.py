@@ -121,6 +121,14 @@ class LegEquation(SetEquation):
         """Leading dimensions, of the data and of known values: () for one set."""
         return np.broadcast_shapes(self.data.batch_shape, *(value.shape[:-1] for value in self._known.values()))
 
+    def known_otherwise(self, other: LegEquation) -> tuple[str, ...]:
+        """Names of what another equation of this kind knows by other values, or from another estimate."""
+        return tuple(
+            name
+            for name, value in self._known.items()
+            if self._sources.get(name) is not other._sources.get(name) or not np.array_equal(value, other._known[name])
+        )
+
     def take(self, which: Members, batch: tuple[int, ...]) -> Self:
         """The same equation of some members of a batch, as one flat batch."""
         taken = super().take(which, batch)

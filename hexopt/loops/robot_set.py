@@ -128,6 +128,10 @@ class RobotSet(SetEquation):
         rows = [slice(end - loop.rows, end) for end, loop in zip(ends, self.legs.values(), strict=True)]
         return list(zip(self.legs.values(), self.places, rows, strict=True))
 
+    def known_otherwise(self, other: RobotSet) -> tuple[str, ...]:
+        """Names of what is known otherwise of some leg."""
+        return tuple(f"leg{k}.{name}" for k, loop in self.legs.items() for name in loop.known_otherwise(other.legs[k]))
+
     def take(self, which: Members, batch: tuple[int, ...]) -> Self:
         """The same equations of some members of a batch."""
         taken = super().take(which, batch)

@@ -94,6 +94,10 @@ class SetEquation(Implicit):
             vars(other).pop(name, None)  # of the poses before
         return other
 
+    def known_otherwise(self, other: Any) -> tuple[str, ...]:
+        """Names of what another equation of this kind knows by other values, or from another estimate."""
+        return ()
+
     def take(self, which: Members, batch: tuple[int, ...]) -> Self:
         """The same equation of some members of a batch, as one flat batch."""
         data = self.data

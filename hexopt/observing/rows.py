@@ -12,9 +12,10 @@ import numpy.typing as npt
 from ..arrays import Array, BoolArray, as_array, brief, norm
 from ..errors import InputError
 from ..geometry import LENGTH_UNITS
+from ..information import point_of
 from ..loops.implicit import Implicit, check_errors
 from ..loops.rows import shared_places
-from ..numerics.forms import Consecutive, Direct
+from ..numerics.forms import Consecutive
 from ..parameters import Parameters
 from ..problem import LinearProblem
 
@@ -111,16 +112,10 @@ def _of_problem(problem: LinearProblem, at: Any) -> ObservedRows:
         values = as_array("at", at, (None,), batch=False) if model is None else _point(model, at)
         problem = replace(problem, at=values)
     count = problem.matrix.shape[-1]
-    matrix, common, caveat = problem.matrix, np.zeros((len(problem.matrix), 0)), UNKNOWN
+    caveat = UNKNOWN
     if problem.noise is not None:
-        covariance = problem.row_covariance()
-        direct = isinstance(problem.form, Direct)
-        caveat = "" if np.isfinite(covariance.blocks).all() else UNPLACED
-        if not caveat:
-            root = problem.whitening(shared=not direct)
-            matrix = root.apply(matrix)
-            if direct and covariance.common is not None:
-                common = root.apply(covariance.common.reshape(len(matrix), -1))
+        caveat = "" if np.isfinite(problem.row_covariance().blocks).all() else UNPLACED
+    matrix, common = (replace(problem, noise=None) if caveat else problem).with_shared()
     shared = common.shape[-1]
     prior = np.eye(count + shared)[count:]
     return ObservedRows(
@@ -137,14 +132,8 @@ def _of_problem(problem: LinearProblem, at: Any) -> ObservedRows:
 
 
 def _point(model: Implicit, at: Any) -> Array:
-    """Values of a loop, (p,): at a point, or at its start."""
-    try:
-        values = model.start() if at is None else model.values(at)
-    except InputError:
-        raise
-    except (TypeError, ValueError):
-        raise InputError(f"at: expected values, a geometry or an Estimate, got {brief(at)}") from None
-    return as_array("at", values, (model.parameters.size,), batch=False)
+    """Values of a loop, (p,): at one place, or at its start."""
+    return as_array("at", point_of(model, at), (model.parameters.size,), batch=False)
 
 
 def _size(model: Implicit, values: Array | None) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from ..arrays import Array, BoolArray, transpose
 from ..information import inverse_root
 from .feasible import Feasible
-from .objective import Objective
+from .objective import Objective, curvature_root
 
 __all__ = ["BatchedRelaxation"]
 
@@ -151,9 +151,7 @@ class _Derivatives:
         logdet = objective.criterion.curved == "logdet"
         self.unit = np.full(len(fixed), float(k)) if logdet else np.abs(self.values)
         left = columns @ np.linalg.cholesky(objective.criterion.slopes(covariance)[:, 0])
-        right = np.sqrt(2) * root
-        if logdet:  # as in interior_point
-            right = right - (np.sqrt(2) - 1) * columns @ np.linalg.solve(covariance, main)
+        right = curvature_root(root, main, logdet)
         self.gains = (left @ transpose(left)).reshape(-1, m * m) @ problem.flat.T
         both = np.einsum("bij,bkl->bikjl", left, right).reshape(-1, m * m, k * m)
         self.factor = problem.basis @ both

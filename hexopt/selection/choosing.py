@@ -67,7 +67,8 @@ def select_poses(
         comparison: they say nothing of the size of errors, or depend on scaling.
     measured : loop or Estimate, or a list of them, optional
         What is known before. A loop like that over the candidates: poses on the same clamp. An estimate: from
-        anywhere, its parameters that are no nuisance.
+        anywhere, its parameters that are no nuisance; its error must have nothing in common with the candidates', such
+        as a known b (give the loop then).
     at : values, geometry or Estimate, or a list of them, optional
         Where the information is evaluated, by default at the nominal. Several are scenarios of a nominal that is wrong.
     worst : bool, default False
@@ -193,7 +194,9 @@ def design_of(
     information = objective.information
     indices = np.repeat(np.arange(len(counts)), counts)
     value = objective.value(counts)
-    scaled = information.covariance(counts.astype(float)).mean(axis=0)
+    each = information.covariance(counts.astype(float))
+    worst = int(objective.criterion.value(each).argmax()) if objective.worst and not objective.criterion.full else None
+    scaled = each.mean(axis=0) if worst is None else each[worst]
     return Design(
         indices=indices,
         poses=_chosen(question, indices),

@@ -27,6 +27,8 @@ class Criterion(ABC):
     curved : {"linear", "logdet", ""}
         "linear" where :math:`\varphi` is linear in C (or a maximum of such functions), "logdet" for
         :math:`\log\det C`; empty where the method does not know its second derivative.
+    least : float
+        No covariance has a lower value.
     convex : bool
         Whether it is convex in the weights, as bounds need: not so for indices that are there for comparison.
     full : bool
@@ -35,6 +37,7 @@ class Criterion(ABC):
 
     name: str
     curved: ClassVar[str] = ""
+    least: ClassVar[float] = -np.inf
     convex: bool = True
     full: ClassVar[bool] = False
 
@@ -74,6 +77,7 @@ class AOptimal(Criterion):
 
     name = "A"
     curved = "linear"
+    least = 0.0
 
     def pieces(self, covariance: Array) -> Array:
         """tr C."""
@@ -112,6 +116,7 @@ class EOptimal(Criterion):
     r"""The largest variance of any combination, :math:`\lambda_\max(C)`: the longest axis of the ellipsoid."""
 
     name = "E"
+    least = 0.0
 
     def pieces(self, covariance: Array) -> Array:
         """The largest eigenvalue."""

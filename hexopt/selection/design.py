@@ -39,7 +39,8 @@ class Design:
     relaxed : float
         The criterion of these weights.
     covariance : ndarray, shape (k, k)
-        Predicted, of what is of interest, in its units; of several scenarios the mean.
+        Predicted, of what is of interest, in its units; of several scenarios the mean, under ``worst=True`` that of the
+        worst.
     labels, units : tuple of str
         Of the k scalars.
     efficiency : float

@@ -26,7 +26,7 @@ from .objective import Objective
 __all__ = ["Counts", "best_of", "exchange", "factors"]
 
 Counts = npt.NDArray[np.intp]
-#: Determinants of H below this: so much information goes with the pose that the update loses digits.
+#: Eigenvalues of H below this: so much information goes with the pose that the update loses digits.
 DOUBTFUL = 1e-6
 #: A move has to lower the objective by this much, relative to its size: less is rounding.
 GAIN = 1e-12
@@ -190,7 +190,8 @@ class _Search:
         change = transpose(seen[..., :k]) @ solved[..., :k]
         rest = lost[:, None, :, :k] - transpose(across) @ solved[..., :k]
         kept = (np.eye(old.shape[-2]) - lost @ transpose(old))[:, None] + transpose(across) @ solved[..., k:]
-        sure: BoolArray = np.linalg.det(kept) > DOUBTFUL
+        sure: BoolArray = np.linalg.det(kept) > DOUBTFUL  # all eigenvalues are at most 1
+        sure[~sure] = np.linalg.eigvalsh(kept[~sure])[..., 0] > DOUBTFUL if kept.shape[-1] else True
         kept = np.where(sure[..., None, None], kept, np.eye(old.shape[-2]))
         covariance = self.inverse[:, None, :k, :k] - change + transpose(rest) @ np.linalg.solve(kept, rest)
         values = self.objective.of_covariances(np.moveaxis(covariance, 0, 1))

@@ -27,6 +27,8 @@ CONVEX = (1, 3, 5)
 class _Index(Criterion):
     """1/O of an index of given number."""
 
+    least = 0.0
+
     def _number(self) -> int:
         raise NotImplementedError
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from ..arrays import Array, transpose
 from .feasible import Feasible
-from .objective import Objective
+from .objective import Objective, curvature_root
 
 __all__ = ["Optimum", "minimise"]
 
@@ -164,10 +164,7 @@ class _Derivatives:
             self.each = (pieces.reshape(s, -1, m * m) @ transpose(info.blocks.reshape(s, n, m * m))).reshape(-1, n)
         inner, vectors = np.linalg.eigh(np.einsum("sj,sjkl->skl", shares, local.slopes))
         left = columns @ (vectors * np.sqrt(np.maximum(inner, 0.0))[:, None, :])
-        right = np.sqrt(2) * local.root
-        if posed.logdet:
-            # Θ = R (2I − P) R', P the projection on the rows of K'R; 2I − P is the square of √2 I − (√2 − 1) P
-            right = right - (np.sqrt(2) - 1) * columns @ np.linalg.solve(local.covariance, local.root[:, :k])
+        right = curvature_root(local.root, local.root[:, :k], posed.logdet)
         sides = zip(info.blocks.reshape(s, n * m, m), left, right, strict=True)
         half = [(transpose((blocks @ u).reshape(n, m, k)).reshape(n * k, m) @ v) for blocks, u, v in sides]
         self.factor = np.concatenate([one.reshape(n, k * m) for one in half], axis=1)

@@ -17,7 +17,7 @@ from ..errors import RankDeficientError
 from ..information import PoseInformation, inverse_root, main_covariance
 from .criteria import Criterion
 
-__all__ = ["Local", "Objective"]
+__all__ = ["Local", "Objective", "curvature_root"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,3 +121,24 @@ class Objective:
         flat = blocks.reshape(*blocks.shape[:2], -1)
         gains: Array = (flat @ sensitivity.reshape(len(flat), -1, 1))[..., 0].sum(axis=0)
         return gains
+
+
+def curvature_root(root: Array, main: Array, logdet: bool) -> Array:
+    r"""V with :math:`V V^T = \Theta`, of the second derivatives :math:`\operatorname{tr}\Gamma M_i\Theta M_j`.
+
+    :math:`\Theta` is 2 M⁻¹ for :math:`\varphi` linear in C, and :math:`2M^{-1} - \Gamma` for its logarithm.
+
+    Parameters
+    ----------
+    root : ndarray, shape (..., m, m)
+        R with :math:`R R^T = M^{-1}`.
+    main : ndarray, shape (..., k, m)
+        :math:`K^T R`.
+    logdet : bool
+    """
+    right = np.sqrt(2) * root
+    if logdet:
+        # Θ = R (2I − P) R', P the projection on the rows of K'R; 2I − P is the square of √2 I − (√2 − 1) P
+        across = transpose(main)
+        right = right - (np.sqrt(2) - 1) * root @ across @ np.linalg.solve(main @ across, main)
+    return right

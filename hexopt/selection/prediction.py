@@ -71,6 +71,7 @@ class GOptimal(Criterion):
 
     name = "G"
     curved = "linear"
+    least = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.task, (Measurements, LegMeasurements)):

@@ -148,7 +148,7 @@ class _Search:
     ) -> None:
         poses = design.poses
         if not isinstance(poses, (LegMeasurements, Measurements)):
-            came = "bare information" if poses is None else f"{len(poses)} sets"
+            came = "a linear problem or bare information" if poses is None else f"{len(poses)} sets"
             raise InputError(f"design: expected one of poses from one set of candidates, got one of {came}")
         self.poses, self.question, self.robot, self.accept = poses, design.question, robot, accept
         number = poses.leg if isinstance(poses, LegMeasurements) else poses.locked_leg or 1
@@ -238,7 +238,7 @@ def _answer(before: Design, poses: Any) -> Design:
     share = fallen(objective, objective.value(old), objective.value(new))
     if not share > 0:
         return replace(before, stopped=f"{before.stopped}; no pose that was moved is better")
-    words = f"poses moved inside the limits, which takes {share:.2%} off the variance ({before.criterion})"
+    words = f"poses moved inside the limits, which makes {before.criterion} better by {share:.2%} of the variance"
     found = design_of(question, objective, new.astype(np.intp), None, np.nan, False, words)
     return replace(
         found, indices=before.indices, weights=before.weights, relaxed=before.relaxed, question=before.question

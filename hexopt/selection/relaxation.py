@@ -90,6 +90,9 @@ def _generated(objective: Objective, feasible: Feasible, goal: float) -> Relaxat
         if now.ok or len(free) == n:
             break
         if now.relative > SLOW * gap:
+            outside = np.delete(feasible.best(now.gains) != weights, free)
+            if not outside.any():  # the gap is the small programme's own: rounding
+                break
             width *= 2
         gap = min(gap, now.relative)
         profit = _profit(feasible, now.gains, found.price)
@@ -153,7 +156,8 @@ def _priced(
 ) -> Relaxation:
     """Weights with the bound that they prove."""
     value = objective.value(weights)
-    bound, gains = lower_bound(objective, feasible, weights, mix)
+    tangent, gains = lower_bound(objective, feasible, weights, mix)
+    bound = max(tangent, objective.criterion.least)
     allowed = feasible.holds(weights)
     relative = (
         1 - float(objective.criterion.efficiency(bound, value, objective.information.main)) if allowed else np.inf

@@ -58,7 +58,7 @@ def test_better_on_the_clamp_within_the_limits_with_exact_readings(left_hand, lo
     assert np.isnan(better.efficiency)
     assert not better.proven
     share = 1 - better.value / design.value
-    assert f"takes {share:.2%} off the variance (A)" in better.summary()
+    assert f"makes A better by {share:.2%} of the variance" in better.summary()
 
 
 @pytest.mark.parametrize("criterion", ["A", "D", "E", "kappa", "O2"])
