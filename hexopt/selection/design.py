@@ -27,8 +27,8 @@ class Design:
     indices : ndarray of int, shape (N,)
         Which candidates, in ascending order; one that is measured twice stands twice.
     poses : LegMeasurements or Measurements
-        These poses, with the readings that the candidates have; one a set where the loop has several, and None where
-        bare information was given.
+        These poses, with the readings that the candidates have; one a set where the loop has several, and None for
+        a linear problem or bare information.
     criterion : str
     value : float
         The criterion of the design (with what was measured before).

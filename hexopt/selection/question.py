@@ -87,7 +87,7 @@ class Question:
         return replace(self, target=self.target.over(data), at=values)
 
     def sets(self) -> list[Any]:
-        """The measurements of every set of candidates, in order; none where bare information was given."""
+        """The measurements of every set of candidates, in order; none of a linear problem."""
         return [part.data for part, _ in self.target.parts] if isinstance(self.target, Implicit) else []
 
     def same_pose(self) -> tuple[int, int] | None:
