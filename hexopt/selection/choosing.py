@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import as_array, as_count, as_generator, brief
+from ..arrays import BoolArray, as_array, as_count, as_generator, brief
 from ..errors import InputError, RankDeficientError
 from ..information import PoseInformation
 from ..loops.implicit import Implicit
@@ -79,7 +79,7 @@ def select_poses(
         Expected spread of blocks, by which the criteria A and E compare parameters; by default 1 in their own units.
     repeat : bool or int, default False
         Whether a pose may be measured again; or how often at most. By default every candidate is chosen once at most,
-        and none that is among the poses of `measured`.
+        and none that is a pose of `measured`, within five standard errors of the instruments.
     cost, budget : array_like (candidates,) and float, optional
         The cost of each pose and what may be spent, instead of n.
     starts : int, default 8
@@ -124,7 +124,7 @@ def select_poses(
     objective = question.objective()
     feasible = _feasible(objective.information.n_poses, n, repeat, cost, budget)
     if repeat is False:
-        feasible = replace(feasible, cap=np.where(question.measured_before(), 0.0, feasible.cap))
+        feasible = _fresh(feasible, question.measured_before())
     _check_enough(objective.information, feasible)
     return answer(question, objective, feasible, starts, rng, prove)
 
@@ -257,6 +257,20 @@ def _feasible(
         raise InputError(f"budget: {total:g} buys no pose, the cheapest costs {costs.min():g}")
     cap = np.minimum(np.floor(total / costs * (1 + 1e-12)), often or np.inf)
     return Feasible(cap, costs, min(total, float(costs @ cap)))  # it may buy them all
+
+
+def _fresh(feasible: Feasible, measured: BoolArray) -> Feasible:
+    """Without the poses that were measured before."""
+    cap = np.where(measured, 0.0, feasible.cap)
+    most = float(feasible.cost @ cap)
+    if not feasible.counts_poses:
+        return replace(feasible, cap=cap, total=min(feasible.total, most))
+    if feasible.total > most:
+        raise InputError(
+            f"n: {feasible.total:g} poses asked for, and {measured.sum()} of the {len(cap)} candidates are measured "
+            "already; give more candidates, or repeat=True"
+        )
+    return replace(feasible, cap=cap)
 
 
 def _check_enough(information: PoseInformation, feasible: Feasible) -> None:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import Array
+from ..arrays import Array, BoolArray, norm
+from ..geometry import LENGTH_UNITS
 from ..measurements import LegMeasurements, Measurements
 from .question import Question
 
@@ -78,6 +79,13 @@ class Design:
         """Predicted, of every scalar of interest, shape (k,)."""
         return np.sqrt(np.diag(self.covariance))
 
+    @property
+    def doubtful(self) -> BoolArray:
+        """What is not seen in practice, (k,): lengths whose ± exceeds a tenth of how far the candidates are out."""
+        far = [float(norm(data.position).max()) for data in self.question.sets()]
+        lengths = np.array([unit in LENGTH_UNITS for unit in self.units])
+        return lengths & (self.standard_errors > 0.1 * max(far, default=np.inf))
+
     def summary(self) -> str:
         """A readable report: what is promised, of what, and what is proven."""
         sure = "nothing is proven of it" if np.isnan(self.bound) else f"bound {self.bound:.6g}, gap {self.gap:.2g}"
@@ -87,8 +95,8 @@ class Design:
             f"  {self.stopped}",
             "  candidates " + ", ".join(map(str, self.indices)),
         ]
-        for label, error, unit in zip(self.labels, self.standard_errors, self.units, strict=True):
-            lines.append(f"  {label:<24s} ± {error:.4g} {unit}")
+        for label, error, unit, bad in zip(self.labels, self.standard_errors, self.units, self.doubtful, strict=True):
+            lines.append(f"  {label:<24s} ± {error:.4g} {unit}" + "  not seen in practice" * bool(bad))
         lines.append("  ± is the predicted standard error")
         return "\n".join(line for line in lines if line.strip())
 

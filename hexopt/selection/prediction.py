@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import Array, brief, norm
 from ..errors import InputError, UnitError
@@ -114,10 +116,24 @@ class GOptimal(Criterion):
 
     def pieces(self, covariance: Array) -> Array:
         """The predicted variance of every row."""
-        rows = self._bound()
         finite = np.isfinite(np.einsum("...ii->...", covariance))[..., None]
         safe = np.where(finite[..., None], covariance, 0.0)
-        return np.where(finite, ((rows @ safe) * rows).sum(axis=-1), np.inf)
+        out = np.empty((*covariance.shape[:-2], self._bound().shape[-2]))
+        for where, columns, part in self._legs:
+            own = safe[..., columns[:, None], columns]
+            out[..., where] = np.einsum("...jk,...jk->...j", part @ own, part)
+        return np.where(finite, out, np.inf)
+
+    @cached_property
+    def _legs(self) -> list[tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Array]]:
+        """Rows that have the same columns, as those of one leg have: where they stand, these columns, their entries."""
+        rows = self._bound()
+        used, group = np.unique((rows != 0).any(axis=tuple(range(rows.ndim - 2))), axis=0, return_inverse=True)
+        found = []
+        for g, columns in enumerate(used):
+            where, own = np.flatnonzero(group.ravel() == g), np.flatnonzero(columns)
+            found.append((where, own, rows[..., where[:, None], own]))
+        return found
 
     def slopes(self, covariance: Array) -> Array:
         r""":math:`g_j g_j^T`, whatever C is."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import BoolArray, brief
+from ..arrays import BoolArray, brief, norm
 from ..errors import InputError
 from ..information import PoseInformation, pose_information
 from ..loops.implicit import Implicit
@@ -22,6 +22,11 @@ from .indices import ConditionNumber, ObservabilityIndex
 from .objective import Objective
 
 __all__ = ["Question", "criterion_of"]
+
+#: A candidate within so many standard errors of a measured pose, in every coordinate, is that pose again.
+SIGMAS = 5.0
+#: Positions, in sizes of the robot, and rotations that differ by less were written to a file in between.
+ROUNDING = 1e-9
 
 _NAMED: dict[str, Criterion] = {
     "A": AOptimal(),
@@ -103,16 +108,28 @@ class Question:
         return None
 
     def measured_before(self) -> BoolArray:
-        """Which candidates are among the poses measured before, (n,)."""
+        """Which candidates are poses measured before, as far as the instruments can tell, (n,)."""
         if not isinstance(self.target, Implicit):
             return np.zeros(1, dtype=bool)
         known = self.measured if isinstance(self.measured, (list, tuple)) else (self.measured,)
         loops = [one for one in known if isinstance(one, Implicit)]
         again = []
         for k, data in enumerate(self.sets()):
-            before = [_as_rows(loop.parts[k][0].data) for loop in loops]
-            again.append(np.isin(_as_rows(data), np.concatenate(before)) if before else np.zeros(data.n_poses, bool))
+            parts = [_near(data, loop.parts[k][0]) for loop in loops]
+            again.append(np.any([np.zeros(data.n_poses, bool), *parts], axis=0))
         return np.concatenate(again)
+
+
+def _near(data: Any, measured: SetEquation) -> BoolArray:
+    """Which poses (n,) lie within so many standard errors of one that was measured."""
+    out = np.zeros(data.n_poses, dtype=bool)
+    size = float(norm(data.position).max())
+    spread = SIGMAS * measured.error_scale
+    for position, rotation, error in zip(measured.data.position, measured.data.rotation, spread, strict=True):
+        near = np.flatnonzero((np.abs(data.position - position) <= error[:3] + ROUNDING * size).all(axis=-1))
+        chord = np.sqrt(np.square(data.rotation[near] - rotation).sum(axis=(-2, -1)) / 2)  # the angle, while small
+        out[near] |= chord <= norm(error[3:6]) + ROUNDING
+    return out
 
 
 def _as_rows(data: Any) -> npt.NDArray[np.void]:

@@ -111,8 +111,17 @@ class TestMeasuredBefore:
         np.testing.assert_array_equal(after.indices, rest[apart.indices])
         again = hx.select_poses(direction, 5, measured=direction.over(first.poses), repeat=True)
         assert again.bound <= after.bound + 1e-12
-        with pytest.raises(hx.errors.InputError, match="196 to be measured, but all candidates together make 195"):
+        with pytest.raises(
+            hx.errors.InputError, match="196 poses asked for, and 5 of the 200 candidates are measured already"
+        ):
             hx.select_poses(direction, 196, measured=direction.over(first.poses))
+
+    def test_nor_is_it_as_a_tracker_saw_it(self, direction):
+        first = hx.select_poses(direction, 5)
+        noisy = NOISE.apply(first.poses.position, first.poses.rotation, first.poses.length, np.random.default_rng(0))
+        seen = direction.over(first.poses.moved_to(*noisy))
+        assert not set(hx.select_poses(direction, 5, measured=seen).indices) & set(first.indices)
+        assert hx.select_poses(direction, 195, measured=seen).efficiency == pytest.approx(1.0)
 
     def test_then_one_pose_is_enough(self, direction):
         first = direction.over(direction.data.poses(slice(0, 5)))
@@ -215,6 +224,15 @@ class TestHardlySeen:
         design = hx.select_poses(hx.loops.LegLength(pool.leg(3)), 7, criterion)
         assert len(design.indices) == 7
         assert 0.85 < design.efficiency <= 1 + 1e-6
+
+
+    def test_what_is_not_seen_in_practice_is_said(self, direction):
+        near = hx.PoseRanges((1e-6, 1e-6, 1e-6), (20.0, 20.001), 0.0, 0.0)
+        pool = hx.candidates(ROBOT, 3, "direction", 50, NOISE, ranges=near, rng=0)
+        design = hx.select_poses(hx.loops.FixedDirection(pool.leg(3)), 10)
+        assert design.doubtful.all()
+        assert design.summary().count("not seen in practice") == 6
+        assert not hx.select_poses(direction, 6).doubtful.any()
 
 
 class TestBareInformation:
