@@ -227,7 +227,7 @@ class TestHardlySeen:
 
 
     def test_what_is_not_seen_in_practice_is_said(self, direction):
-        near = hx.PoseRanges((1e-6, 1e-6, 1e-6), (20.0, 20.001), 0.0, 0.0)
+        near = hx.PoseRanges((1e-4, 1e-4, 1e-4), (20.0, 20.01), 0.0, 0.0)
         pool = hx.candidates(ROBOT, 3, "direction", 50, NOISE, ranges=near, rng=0)
         design = hx.select_poses(hx.loops.FixedDirection(pool.leg(3)), 10)
         assert design.doubtful.all()

@@ -43,6 +43,25 @@ def test_the_unit_of_the_poses_does_not_matter():
     np.testing.assert_array_equal(hx.measuring_order(ROBOT, metres), hx.measuring_order(ROBOT, data))
 
 
+def test_a_design_is_as_good_as_its_poses():
+    pool = hx.candidates(ROBOT, 3, "direction", 40, hx.UniformNoise(0.01, 1e-4, 0.01), rng=0)
+    design = hx.select_poses(hx.loops.FixedDirection(pool.leg(3)), 7)
+    np.testing.assert_array_equal(hx.measuring_order(ROBOT, design), hx.measuring_order(ROBOT, design.poses))
+
+
+@pytest.mark.parametrize(
+    ("robot", "poses", "message"),
+    [
+        (None, None, "robot: expected a Hexapod, got NoneType"),
+        (ROBOT, None, "poses: expected Measurements, LegMeasurements or a Design over one set, got None"),
+        (ROBOT, [1, 2], r"over one set, got \[1, 2\]"),
+    ],
+)
+def test_what_has_no_poses(robot, poses, message):
+    with pytest.raises(hx.InputError, match=message):
+        hx.measuring_order(robot, poses)
+
+
 def test_a_batch_is_refused():
     data = hx.simulate_leg(ROBOT, 3, "direction", 5, 2, rng=0)
     with pytest.raises(hx.InputError, match=r"poses: expected one set, got a batch of \(2,\)"):
