@@ -48,7 +48,7 @@ def _check_poses(position: npt.ArrayLike, rotation: npt.ArrayLike) -> tuple[Arra
 
 
 def _check_noise(noise: object) -> None:
-    if noise is not None and not isinstance(noise, Noise):
+    if noise is not None and (isinstance(noise, type) or not isinstance(noise, Noise)):
         raise InputError(f"noise: expected a noise model such as UniformNoise(…), or None; got {noise!r}")
 
 

@@ -397,6 +397,17 @@ def test_the_summary_says_it_all():
         assert part in text
 
 
+def test_one_pose_sees():
+    assert "FixedLeg: 1 pose sees 3 of" in hx.observability(loop_of("leg", 1), LEG).summary()
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_summary_fits_a_screen(way):
+    loop, at = WAYS[way]
+    for line in hx.observability(loop, at).summary().splitlines():
+        assert len(line) <= 120
+
+
 def test_the_table():
     frame = hx.observability(hx.loops.FixedLeg(one_axis(exact=True)), LEG).to_frame()
     assert frame["parameter"].tolist() == ["platform_point.x", "platform_point.y", "platform_point.z"]

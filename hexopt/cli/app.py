@@ -42,13 +42,13 @@ FLAGS = {
 
 #: Arguments that the library advises to give.
 ADVICE = {
-    "drop=True": "--drop",
     " (given=, tolerance=)": " (--given)",
     "(given=)": "(--given)",
     "(given=…)": "(--given)",
     ", narrow the pose ranges (ranges=)": "",
     "given=": "--given",
     "repeat=True": "--repeat",
+    "give it limits=Limits(leg_length=…, angles=…), or a condition, accept=": "give it [limits] in its TOML file",
 }
 
 app = typer.Typer(

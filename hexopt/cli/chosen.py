@@ -53,8 +53,10 @@ class Chosen:
             lines.append(f"    {self.design.stopped}")
         lines += [f"    {note}" for note in self.notes]
         lines.append(f"    {'parameter':<24s}{'± 1 σ':>9s}  unit")
-        for label, error, unit in zip(self.design.labels, self.design.standard_errors, self.design.units, strict=True):
-            lines.append(f"    {label:<24s}{error:>9.3g}  {unit}")
+        design = self.design
+        shown = zip(design.labels, design.standard_errors, design.units, design.doubtful, strict=True)
+        for label, error, unit, doubtful in shown:
+            lines.append(f"    {label:<24s}{error:>9.3g}  {unit}" + ", not seen in practice" * bool(doubtful))
         return lines
 
 
@@ -62,13 +64,17 @@ def choose(plan: Plan, leg: int | None, n: int, ask: dict[str, Any], refine: boo
     """The poses for one clamp, or for all legs."""
     before = plan.before(leg)
     try:
-        pool, left_out = plan.pool(leg, before)
+        pool, lines, left_out = plan.pool(leg, before)
         known = [plan.loop(data, leg) for data in before]
         best = select_poses(plan.loop(pool, leg), n, measured=known, rng=plan.seed, **ask)
         design = refine_poses(best, plan.robot, rng=plan.seed) if refine else best
     except (RankDeficientError, SamplingError) as error:
         raise type(error)(f"leg {leg}: {error}" if several else str(error)) from None
     notes = [left_out] if left_out else []
+    if lines is not None:
+        chosen = lines[design.indices[measuring_order(plan.robot, design)]]
+        whose = f" of leg {leg}" if several else ""
+        notes.append(f"the poses{whose} come from lines {', '.join(map(str, chosen))} of {plan.source}")
     if plan.lock is not Lock.NONE:
         notes.append(f"clamp: {plan.clamp(leg, pool).describe()}")
     if before:
@@ -76,7 +82,7 @@ def choose(plan: Plan, leg: int | None, n: int, ask: dict[str, Any], refine: boo
     return Chosen(leg, plan.lock, best, design, tuple(notes))
 
 
-def report_on(plan: Plan, chosen: list[Chosen], nominal_error: str | None, repeat: bool) -> str:
+def report_on(plan: Plan, chosen: list[Chosen], nominal_error: str | None, worst: bool, repeat: bool) -> str:
     """The report; its libraries load only here."""
     from ..report import design_report
 
@@ -84,7 +90,8 @@ def report_on(plan: Plan, chosen: list[Chosen], nominal_error: str | None, repea
     if plan.measured is not None:
         settings["Measured before"] = str(plan.measured)
     if nominal_error is not None:
-        settings["Nominal"] = f"joint coordinates off by up to {nominal_error}; good for {SCENARIOS} such robots"
+        whom = f"the worst of {SCENARIOS} such robots" if worst else f"{SCENARIOS} such robots on average"
+        settings["Nominal"] = f"joint coordinates off by up to {nominal_error}; good for {whom}"
     notes = dict.fromkeys(note for one in chosen for note in one.notes if not note.startswith("clamp"))
     if notes:
         settings["Notes"] = "; ".join(notes)
@@ -95,6 +102,8 @@ def summary(plan: Plan, chosen: list[Chosen], criterion: str) -> str:
     """What is promised of all sets."""
     held = "none locked" if plan.lock is Lock.NONE else f"lock {plan.lock}"
     lines = [f"{plan.robot.name}: poses to measure, {held}, criterion {criterion}"]
+    if plan.limits.describe() == "none":
+        lines.append("  the robot has no limits: whether it reaches these poses is not known")
     lines += [line for one in chosen for line in one.lines()]
     return "\n".join(lines)
 

@@ -151,6 +151,11 @@ def noise_model(
         0.0 if angle is None else _angle_error("--angle-noise", angle),
         0.0 if reading is None else _reading("--length-noise", reading, robot),
     )
+    largest = (robot.size, np.inf, robot.size / np.abs(robot.gains).min())
+    flags = (("--position-noise", position), ("--angle-noise", angle), ("--length-noise", reading))
+    for (flag, text), amount, most in zip(flags, amounts, largest, strict=True):
+        if amount > most:
+            raise InputError(f"{flag}: expected an error smaller than {robot.name} itself, got {text!r}")
     model = UniformNoise if kind == "uniform" else NormalNoise
     try:
         noise = model(*amounts, angles)

@@ -8,29 +8,32 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import Array
-from ..errors import InputError, SamplingError
-from ..geometry import Hexapod
+from ..errors import InputError
+from ..geometry import Hexapod, Limits
 from ..loops import FixedDirection, FixedLeg, FixedLength, LegLength, WholeRobot
+from ..loops.clamps import clamp_difference
 from ..loops.implicit import Implicit
 from ..measurements import LegMeasurements, Lock, Measurements
 from ..noise import Noise
-from ..pools import candidates, candidates_at
+from ..pools import candidates
+from ..pools.beyond import far_beyond
 from ..pools.clamp import Clamp
+from ..pools.listed import listed_pool
 from ..readers import read_measurements
 from ..readers.listing import PoseList, read_poses
 from ..readers.settings import OrientationSettings, checked
 from ..selection.criteria import Criterion
 from ..selection.prediction import GOptimal
-from .options import angle, column_names, length, noise_model, several
+from .options import column_names, length, noise_model, several
 
 __all__ = [
     "SCENARIOS",
     "Plan",
     "clamp_given",
     "criterion_of",
-    "narrowed",
     "noise_of",
     "parameters_of",
     "reading_of",
@@ -48,7 +51,6 @@ _LOCKED: Mapping[Lock, type[FixedDirection | FixedLeg | FixedLength]] = {
     Lock.LEG: FixedLeg,
     Lock.LENGTH: FixedLength,
 }
-_TILTS = {"leg_tilt": "--leg-tilt", "base_tilt": "--base-tilt", "tilt": "--tilt"}
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,9 @@ class Plan:
     Attributes
     ----------
     robot : Hexapod
-        With the limits that hold.
+        With the limits that hold now.
+    limits : Limits
+        The robot's own, within which poses were measured before.
     lock : Lock
     unknown : tuple of str
         What unlocked poses are to determine.
@@ -77,6 +81,7 @@ class Plan:
     """
 
     robot: Hexapod
+    limits: Limits
     lock: Lock
     unknown: tuple[str, ...]
     noise: Noise
@@ -111,34 +116,49 @@ class Plan:
                 f"--measured: {self.measured} has {len(own)} sets with {_words(self.lock, leg)}; keep the one whose "
                 "clamp is set now"
             )
+        for data in own:
+            self._check_before(data)
         return own
+
+    def _check_before(self, data: Measurements | LegMeasurements) -> None:
+        """Whether poses can be this robot's, and on one clamp."""
+        robot = replace(self.robot, limits=self.limits)
+        beyond = far_beyond(robot, data.position, data.rotation)
+        if beyond:
+            raise InputError(f"--measured: {self.measured}: {beyond}; is it the right --length-unit, the right robot?")
+        apart = clamp_difference(data, data)
+        if apart:
+            words = _words(self.lock, _locked(data))
+            raise InputError(f"--measured: {self.measured}: expected {words}, but these poses share no clamp: {apart}")
 
     def clamp(self, leg: int | None, data: Measurements | LegMeasurements) -> Clamp:
         """The clamp that poses share, as the robot sees it."""
         assert leg is not None
         return Clamp.of_poses(self.robot, leg, self.lock, data.position, data.rotation)
 
-    def pool(self, leg: int | None, before: list[Measurements | LegMeasurements]) -> tuple[Measurements, str]:
-        """The candidates on one clamp, and in words what was left out of the user's list."""
+    def pool(
+        self, leg: int | None, before: list[Measurements | LegMeasurements]
+    ) -> tuple[Measurements, npt.NDArray[np.intp] | None, str]:
+        """The candidates on one clamp; of the user's list their lines (n,), and in words what was left out."""
         given = clamp_given(self.robot, self.lock, self.given)
         if given is None and before and self.lock is not Lock.NONE:
             given = self.clamp(leg, before[0]).value
         if isinstance(self.source, int):
             rng = np.random.default_rng([self.seed, leg or 0])  # leg 3 has the same, alone or among all
-            return candidates(self.robot, leg, self.lock, self.source, self.noise, given, rng=rng), ""
+            return candidates(self.robot, leg, self.lock, self.source, self.noise, given, rng=rng), None, ""
         found = self._listed(leg)
         position, rotation = (np.concatenate([getattr(p, name) for p in found]) for name in ("position", "rotation"))
-        arguments = (self.robot, position, rotation, leg, self.lock, self.noise, given)
+        lines = np.concatenate([part.lines for part in found])
         try:
-            return candidates_at(*arguments), ""
+            pool, bad, why = listed_pool(self.robot, position, rotation, leg, self.lock, self.noise, given)
         except InputError as error:
-            if not self.drop:
-                raise InputError(f"{self.source}: {error}") from None
-            left_out = str(error).partition(";")[0]
-        try:
-            return candidates_at(*arguments, drop=True), f"left out: {left_out}"
-        except (InputError, SamplingError) as error:
             raise InputError(f"{self.source}: {error}") from None
+        if not bad.any():
+            return pool, lines, ""
+        if not self.drop or bad.all():
+            rest = "nothing is left" if self.drop else f"the first is in line {lines[bad][0]}; --drop leaves them out"
+            raise InputError(f"{self.source}: {why}; {rest}")
+        return pool.poses(np.flatnonzero(~bad)), lines[~bad], f"left out: {why.partition(';')[0]}"
 
     def _listed(self, leg: int | None) -> list[PoseList]:
         """The poses in the user's file that are meant for this lock."""
@@ -159,36 +179,6 @@ def parameters_of(lock: Lock, model: str | None) -> tuple[str, ...]:
         raise InputError(f"--model: --lock {lock} decides what it sees; leave --model out")
     blocks = ("platform_point", "base_point", "offset", "gain")
     return blocks[: {"36": 2, "42": 3, "48": 4}[model or "42"]]
-
-
-def narrowed(robot: Hexapod, leg_length: str | None, **tilts: str | None) -> Hexapod:
-    """The robot with limits that the flags make stricter."""
-    limits = robot.limits
-    new: dict[str, Any] = {}
-    if leg_length is not None:
-        flag = "--leg-length"
-        example = f"17{robot.length_unit},20{robot.length_unit}"
-        low, high = (length(flag, part, robot.length_unit) for part in several(flag, leg_length, 2, example))
-        least, most = limits.leg_length or (0.0, np.inf)
-        if not 0 < low < high:
-            raise InputError(f"{flag}: expected 0 < shortest < longest, e.g. {example}; got {leg_length!r}")
-        if low < least or high > most:
-            raise InputError(f"{flag}: {leg_length!r} goes beyond {_own(robot)}; flags narrow limits only")
-        new["leg_length"] = low, high
-    for name, text in tilts.items():
-        if text is None:
-            continue
-        value, most = angle(_TILTS[name], text, "20deg"), getattr(limits, name)
-        if not 0 < value <= np.pi:
-            raise InputError(f"{_TILTS[name]}: expected an angle in (0deg, 180deg], got {text!r}")
-        if most is not None and value > most * (1 + 1e-12):
-            raise InputError(f"{_TILTS[name]}: {text!r} goes beyond {_own(robot)}; flags narrow limits only")
-        new[name] = value
-    return replace(robot, limits=replace(limits, **new)) if new else robot
-
-
-def _own(robot: Hexapod) -> str:
-    return f"the limits of {robot.name} ({robot.limits.describe(robot.length_unit)})"
 
 
 def clamp_given(robot: Hexapod, lock: Lock, text: str | None) -> Array | float | None:

@@ -12,6 +12,7 @@ from ..files import write_whole
 from ..measurements import Lock
 from ..readers import write_measurements
 from .chosen import choose, count, report_on, summary
+from .limits import narrowed
 from .options import (
     AngleNoise,
     AngleUnit,
@@ -29,7 +30,6 @@ from .planning import (
     Plan,
     clamp_given,
     criterion_of,
-    narrowed,
     noise_of,
     parameters_of,
     reading_of,
@@ -56,11 +56,13 @@ bound that says how far from the best they can be. They are written as a CSV fil
 
 \b
   --lock       poses determine               then calibrate by
-  direction    both joints of the leg        --method one-step
-  leg          its platform joint            --method three-step, with poses
-  length       its base joint                  for both of these
+  direction    both joints of the leg        --method one-step --weighted
+  leg          its platform joint            --method three-step --weighted,
+  length       its base joint                  with poses for both of these
   none         all legs: both joints, and    --method free or joint
                offset, gain (--model)
+
+The promised errors are reached by --method joint, after the lock direction with --model 36.
 
 With --leg all, each leg in turn has its own clamp and its own set of poses; unlocked poses serve all legs at once. The
 candidates of a set share one clamp: that of the leg at home, or --given, or that of the poses --measured so far.
@@ -159,13 +161,16 @@ def run(
     force: Force = False,
 ) -> None:
     """Choose, write, report."""
-    nominal = narrowed(robot_of(robot), leg_length, leg_tilt=leg_tilt, base_tilt=base_tilt, tilt=tilt)
+    own = robot_of(robot)
+    nominal = narrowed(own, leg_length, leg_tilt=leg_tilt, base_tilt=base_tilt, tilt=tilt)
     legs = _legs(leg, lock)
     noise = noise_of(nominal, lock, (noise_kind, noise_angles, position_noise, angle_noise, length_noise))
     unknown, source = parameters_of(lock, model), source_of(candidates)
     if given is not None and len(legs) > 1:
         raise InputError("--given: a clamp is that of one leg; name it by --leg")
     clamp_given(nominal, lock, given)
+    if given is not None and measured is not None:
+        raise InputError("--given: the clamp is that of the poses --measured; leave one of the two out")
     read = [path for path in (source, measured) if isinstance(path, Path)]
     reading = reading_of(read, length_unit, orientation, angle_unit, column)
     if drop and not isinstance(source, Path):
@@ -174,7 +179,7 @@ def run(
         raise InputError("--worst: of which robots? Give --nominal-error, how far the nominal may be off")
     _check_names(out, report)
     check_outputs([path for path in (out, report) if path is not None], [robot, *read], force)
-    plan = Plan(nominal, lock, unknown, noise, source, given, measured, reading, drop, seed)
+    plan = Plan(nominal, own.limits, lock, unknown, noise, source, given, measured, reading, drop, seed)
     ask = {
         "criterion": criterion_of(criterion, nominal, seed),
         "at": scenarios(nominal, nominal_error, seed),
@@ -183,7 +188,7 @@ def run(
         "prove": prove,
     }
     chosen = [choose(plan, number, poses, ask, refine, several=len(legs) > 1) for number in legs]
-    page = None if report is None else report_on(plan, chosen, nominal_error, repeat)
+    page = None if report is None else report_on(plan, chosen, nominal_error, worst, repeat)
     print(summary(plan, chosen, criterion))
     data = [one.measurements(nominal) for one in chosen]
     write_measurements(data, out, orientation=orientation, angle_unit=angle_unit)

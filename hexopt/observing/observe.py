@@ -25,7 +25,7 @@ LEAK = 1e-6
 #: Coefficients below this share of the largest are left out of words.
 WORTH_SAYING = 0.05
 #: So many coefficients of a weak direction are said.
-MOST_WORDS = 6
+MOST_WORDS = 3
 #: Without an expected spread, a standard error beyond this share of the robot's size is as good as none.
 SHARE_OF_SIZE = 0.1
 

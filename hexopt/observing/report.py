@@ -162,7 +162,8 @@ class Observability:
 
     def summary(self) -> str:
         """A readable report: what is seen, how well, and what is not."""
-        head = f"{self.title}: {self.n_poses} {self.per}s see {self.rank} of {len(self.singular_values)} unknowns"
+        see = f"{self.per}s see" if self.n_poses > 1 else f"{self.per} sees"
+        head = f"{self.title}: {self.n_poses} {see} {self.rank} of {len(self.singular_values)} unknowns"
         lines = [head, *([f"  {self.caveat}"] if self.caveat else [])]
         lines += [f"  not seen: {words}" for words in self.unseen]
         for label, error, unit in zip(self.labels, self.standard_errors, self.units, strict=True):

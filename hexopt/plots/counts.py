@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, StrMethodFormatter
 
-from ..arrays import Array, as_array
+from ..arrays import Array, as_array, brief
 from ..errors import InputError
 from ..selection.design import Design
 from .look import BASE, COLOURS, INK, block_of, flat_axes, quantity
@@ -54,21 +55,29 @@ def knee(counts: npt.ArrayLike, errors: npt.ArrayLike, share: float = 0.05) -> i
     6
     """
     number = as_array("counts", counts, ("n",), batch=False)
-    size = np.asarray(errors, dtype=float)
+    size = _amounts(errors)
     if size.shape != number.shape or number.size < 2:
         raise InputError(f"counts and errors: expected two or more of both, got {number.shape} and {size.shape}")
     if (np.diff(number) <= 0).any() or (number != np.round(number)).any() or number[0] < 1:
         raise InputError(f"counts: expected ascending numbers of poses, got {number}")
     if not (size > 0).all():
         raise InputError(f"errors: expected values > 0 (infinite where the poses are too few), got {size}")
-    if not 0 < float(share) < 1:
-        raise InputError(f"share: expected a share in (0, 1), such as 0.05, got {share!r}")
+    if not isinstance(share, Real) or not 0 < share < 1:
+        raise InputError(f"share: expected a share in (0, 1), such as 0.05, got {brief(share)}")
     known = np.isfinite(size)
     step = np.log(np.where(known, size, 1.0))
     fall = np.where(known[1:] & known[:-1], np.diff(step), -np.inf) / np.diff(number)
     helps = np.flatnonzero(-np.expm1(fall) >= share)
     first = helps[-1] + 1 if helps.size else 0
     return int(number[first]) if first < number.size - 1 else None
+
+
+def _amounts(errors: Any) -> Array:
+    """Predicted errors, of which some may be infinite."""
+    try:
+        return np.asarray(errors, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"errors: expected numbers, got {brief(errors)}") from None
 
 
 def error_against_poses(
@@ -78,12 +87,15 @@ def error_against_poses(
     unit: str = "unstated",
     share: float = 0.05,
     ax: Axes | None = None,
+    *,
+    new: bool = False,
 ) -> Axes:
     r"""How many poses are needed: the predicted error of every block against their number N, with the knee.
 
     The error of a block is :math:`\sqrt{\mathrm{tr}\,C}` over its scalars: of a point, the predicted distance, as a
     root mean square. The knee (:func:`knee`) is that of the geometric mean of the blocks. The dotted line falls as
-    :math:`1/\sqrt N`, which repeating the same poses would give, from the last error on backwards. Designs whose
+    :math:`1/\sqrt N`, which repeating the same poses would give, from the last error on backwards; where poses were
+    measured before, N counts the new ones, and there is no such line. Designs whose
     criterion is the trace of this very covariance (A, one unit, spreads of 1) have two more lines: the error of
     everything together, and the proven bound that no choice of so many of these candidates goes below.
 
@@ -101,6 +113,8 @@ def error_against_poses(
         What one more pose must gain to be worth it.
     ax : matplotlib Axes, optional
         Where it is drawn; by default in a new figure.
+    new : bool, default False
+        With numbers: whether others were measured before.
 
     Returns
     -------
@@ -122,9 +136,12 @@ def error_against_poses(
     """
     if errors is None:
         number, lines, units, together, least = _of_designs(counts)
+        new = any(one.question.measured for one in counts)
     else:
+        if not isinstance(errors, Mapping):
+            raise InputError(f"errors: expected a dict of errors by block, got {brief(errors)}")
         number = as_array("counts", counts, ("n",), batch=False)
-        lines = {name: np.asarray(values, dtype=float) for name, values in errors.items()}
+        lines = {name: _amounts(values) for name, values in errors.items()}
         units, together = dict.fromkeys(lines, unit), None
         least = None if bound is None else as_array("bound", bound, (number.size,), batch=False)
     if not lines or any(values.shape != number.shape or not (values > 0).all() for values in lines.values()):
@@ -139,24 +156,28 @@ def error_against_poses(
         ax.plot(number, together, color=INK, linewidth=1.5, label="all together")
     if least is not None:
         ax.plot(number, least, color=INK, linewidth=1.2, linestyle="--", label="bound: no choice is better")
-    last = (together if together is not None else next(iter(lines.values())))[-1]
-    ax.plot(number, last * np.sqrt(number[-1] / number), ":", color=BASE, linewidth=1.5, label="as 1/√N")
-    return _finish(ax, number, enough, share, "each in its unit" if several else next(iter(units.values())))
+    if not new:
+        last = (together if together is not None else next(iter(lines.values())))[-1]
+        ax.plot(number, last * np.sqrt(number[-1] / number), ":", color=BASE, linewidth=1.5, label="as 1/√N")
+    ax.set_ylabel(quantity("predicted error", "each in its unit" if several else next(iter(units.values()))))
+    return _finish(ax, number, enough, share, "new poses" if new else "poses")
 
 
-def _finish(ax: Axes, number: Array, enough: int | None, share: float, unit: str) -> Axes:
-    """Scales, labels and the knee."""
-    ax.set(xscale="log", yscale="log", xlabel="poses, N", ylabel=quantity("predicted error", unit))
+def _finish(ax: Axes, number: Array, enough: int | None, share: float, poses: str) -> Axes:
+    """Scales and the knee."""
+    ax.set(xscale="log", yscale="log", xlabel=f"{poses}, N")
     ticks = number if number.size <= 9 else TICKS[(number[0] <= TICKS) & (number[-1] >= TICKS)]
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5, 7)))
     ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     ax.set_xticks(ticks, [f"{n:g}" for n in ticks])
     ax.minorticks_off()
     if enough is None:
-        title = f"Up to {number[-1]:g} poses, one more gains {100 * share:g} % or more"
+        title = f"Up to {number[-1]:g} {poses}, one more gains {100 * share:g} % or more"
+    elif enough == number[0]:
+        title = f"One more pose gains less than {100 * share:g} % at all of these numbers"
     else:
         ax.axvline(enough, color=BASE, linewidth=1, linestyle="-.", zorder=1)
-        title = f"From {enough} poses on, one more gains less than {100 * share:g} %"
+        title = f"From {enough} {poses} on, one more gains less than {100 * share:g} %"
     ax.set_title(title, loc="left")
     ax.legend(frameon=False)
     return ax

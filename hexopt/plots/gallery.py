@@ -5,8 +5,9 @@ from __future__ import annotations
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from ..arrays import Array
+from ..arrays import Array, as_count
 from ..geometry import Hexapod
 from ..measurements import LegMeasurements, Measurements
 from ..rotations import matrix_to_euler
@@ -17,7 +18,8 @@ from .taking import shown
 
 __all__ = ["pose_gallery"]
 
-COLUMNS = 4
+SIDE = 3.1  # of a picture, inches
+RIGHT = 0.3  # what axes in space have for the label of z is not enough, inches
 
 
 def pose_gallery(
@@ -25,6 +27,7 @@ def pose_gallery(
     poses: LegMeasurements | Measurements | Design,
     leg: int | None = None,
     sequence: str | None = None,
+    columns: int = 4,
 ) -> Figure:
     r"""Every pose as a small hexapod, with its number, position and angles: the sheet to measure by.
 
@@ -40,6 +43,8 @@ def pose_gallery(
         The locked leg, 1…6; by default that of the measurements.
     sequence : str, optional
         The Euler sequence of the angles, as in :mod:`hexopt.rotations`; by default that of the robot's limits.
+    columns : int, default 4
+        So many pictures stand side by side at most.
 
     Returns
     -------
@@ -66,9 +71,11 @@ def pose_gallery(
     angles = np.rad2deg(matrix_to_euler(data.rotation, order))
     ends = platform_joints(robot, data.position, data.rotation)
     everything = np.vstack([robot.base_points, ends.reshape(-1, 3)])
-    columns = min(COLUMNS, len(data.chosen))
+    columns = min(as_count("columns", columns), len(data.chosen))
     rows = -(-len(data.chosen) // columns)
-    figure = plt.figure(figsize=(3.1 * columns, 3.1 * rows + 0.4), layout="constrained")
+    width = SIDE * columns + RIGHT
+    layout = ConstrainedLayoutEngine(rect=(0, 0, 1 - RIGHT / width, 1))
+    figure = plt.figure(figsize=(width, SIDE * rows + 0.4), layout=layout)
     unit = unit_text(robot.length_unit)
     for i, name in enumerate(data.names):
         ax = space_axes(figure.add_subplot(rows, columns, i + 1, projection="3d"))

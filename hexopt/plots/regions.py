@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Real
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -11,8 +12,9 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
+from matplotlib.ticker import MaxNLocator
 
-from ..arrays import Array, as_array
+from ..arrays import Array, as_array, brief
 from ..errors import InputError
 from ..selection.design import Design
 from .look import COLOURS, flat_axes, quantity
@@ -24,7 +26,7 @@ PLANES = ((0, 1), (0, 2), (1, 2))
 
 
 def error_ellipsoids(
-    designs: Sequence[Design | npt.ArrayLike],
+    designs: Design | Sequence[Design | npt.ArrayLike],
     labels: Sequence[str] | None = None,
     which: str = "base_point",
     level: float = 0.95,
@@ -38,7 +40,7 @@ def error_ellipsoids(
 
     Parameters
     ----------
-    designs : list of Design, or of array_like, shape (3, 3)
+    designs : Design, or a list of them or of array_like, shape (3, 3)
         Designs, or covariances of the point.
     labels : sequence of str, optional
         What they are called; by default their criterion and number of poses.
@@ -68,11 +70,11 @@ def error_ellipsoids(
     >>> [ax.get_xlabel() for ax in figure.axes]
     ['x (mm)', 'x (mm)', 'y (mm)']
     """
-    given = list(designs)
-    if not given or not 0 < float(level) < 1:
-        raise InputError(
-            f"designs, level: expected one or more designs and a level in (0, 1), got {len(given)}, {level}"
-        )
+    given = [designs] if isinstance(designs, Design) else designs
+    if not isinstance(given, (Sequence, np.ndarray)) or not len(given):
+        raise InputError(f"designs: expected one or more designs, or covariances (3, 3); got {brief(designs)}")
+    if not isinstance(level, Real) or not 0 < level < 1:
+        raise InputError(f"level: expected a probability in (0, 1), such as 0.95; got {brief(level)}")
     found = [_covariance(one, which, unit) for one in given]
     units = {text for _, text in found}
     if len(units) > 1:
@@ -108,7 +110,8 @@ def _finish(ax: Axes, plane: tuple[int, int], reach: float, unit: str) -> None:
     ax.plot(0, 0, "+", color="black", markersize=7)
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     ax.set(xlabel=quantity("xyz"[plane[0]], unit), ylabel=quantity("xyz"[plane[1]], unit))
-    ax.locator_params(nbins=5)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(3))  # the numbers may be long
 
 
 def _covariance(one: Any, which: str, unit: str) -> tuple[Array, str]:

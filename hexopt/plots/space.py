@@ -15,6 +15,7 @@ from ..geometry.leg import check_leg_number
 from ..measurements import LegMeasurements, Measurements
 from ..rotations import check_rotation
 from ..selection.design import Design
+from ..simulation import check_robot
 from .look import ACCENT, BASE, COLOURS, FAINT, INK, Axes3D, fit_limits, space_axes
 from .taking import Shown, shown
 
@@ -63,6 +64,7 @@ def hexapod(
     >>> ax.get_xlabel()
     'x (cm)'
     """
+    check_robot(robot)
     place = robot.home_position if position is None else as_array("position", position, (3,), batch=False)
     turn = robot.home_rotation if rotation is None else as_array("rotation", rotation, (3, 3), batch=False)
     held = None if leg is None else check_leg_number(leg)

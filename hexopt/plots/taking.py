@@ -15,6 +15,7 @@ from ..geometry.leg import check_leg_number
 from ..geometry.units import length_factor
 from ..measurements import LegMeasurements, Lock, Measurements
 from ..selection.design import Design
+from ..simulation import check_robot
 
 __all__ = ["Shown", "shown"]
 
@@ -37,9 +38,10 @@ class Shown:
 
 def shown(robot: Hexapod, poses: object, chosen: Any, leg: int | None) -> Shown:
     """What is to be drawn, checked."""
-    sets = poses.poses if isinstance(poses, Design) else poses
-    if sets is None:
+    check_robot(robot)
+    if isinstance(poses, Design) and poses.poses is None:
         raise InputError("poses: this design was made of bare information and has no poses; give the candidates too")
+    sets = poses.poses if isinstance(poses, Design) else poses
     sets = sets if isinstance(poses, Design) and isinstance(sets, tuple) else (sets,)
     for data in sets:
         if not isinstance(data, (LegMeasurements, Measurements)):

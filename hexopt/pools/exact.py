@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from inspect import signature
 
 import numpy as np
 
-from ..arrays import Array, BoolArray, frozen
+from ..arrays import Array, BoolArray, brief, frozen
 from ..errors import InputError, LockError
 from ..geometry import Hexapod
 from ..geometry.leg import check_leg_number
@@ -31,6 +32,12 @@ def lock_and_leg(lock: Lock | str, leg: int | None) -> tuple[Lock, int]:
 
 def checked_mask(accept: Accept, position: Array, rotation: Array) -> BoolArray:
     """What the user's condition says, checked."""
+    try:
+        signature(accept).bind(position, rotation)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"accept: expected a function of positions (m, 3) and rotations (m, 3, 3), got {brief(accept)}"
+        ) from None
     mask = np.asarray(accept(position, rotation))
     if mask.dtype != bool or mask.shape != position.shape[:-1]:
         raise InputError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import Array, BoolArray, as_array
+from ..arrays import Array, BoolArray, as_array, brief
 from ..errors import InputError, SamplingError
 from ..geometry import Hexapod
 from ..kinematics import limit_violations
@@ -16,7 +16,7 @@ from ..simulation import check_robot
 from .clamp import Clamp
 from .exact import Accept, checked_mask, exact_pool, lock_and_leg
 
-__all__ = ["candidates_at"]
+__all__ = ["candidates_at", "listed_pool"]
 
 
 def candidates_at(
@@ -78,6 +78,34 @@ def candidates_at(
     >>> pool.n_poses
     2
     """
+    if not isinstance(drop, bool):
+        raise InputError(f"drop: expected True or False, got {brief(drop)}")
+    pool, bad, why = listed_pool(
+        robot, position, rotation, leg, lock, noise, given, nominal=nominal, accept=accept, tolerance=tolerance
+    )
+    if not bad.any():
+        return pool
+    if not drop:
+        raise InputError(f"{why}; the first is pose {int(np.argmax(bad))}, counted from 0; drop=True leaves them out")
+    if bad.all():
+        raise SamplingError(f"{why}; nothing is left")
+    return pool.poses(np.flatnonzero(~bad))
+
+
+def listed_pool(
+    robot: Hexapod,
+    position: npt.ArrayLike,
+    rotation: npt.ArrayLike,
+    leg: int | None,
+    lock: Lock | str,
+    noise: Noise | None,
+    given: npt.ArrayLike | None,
+    *,
+    nominal: Hexapod | None = None,
+    accept: Accept | None = None,
+    tolerance: float | None = None,
+) -> tuple[Measurements, BoolArray, str]:
+    """All poses of a list, which of them (n,) cannot be candidates, and in words why."""
     check_robot(robot)
     p = as_array("position", position, ("n", 3), batch=False, own=True)
     r = check_rotation("rotation", as_array("rotation", rotation, ("n", 3, 3), batch=False, own=True))
@@ -94,18 +122,11 @@ def candidates_at(
     if accept is not None:
         refused["accept"] = ~checked_mask(accept, p, r)
     bad = np.logical_or.reduce(list(refused.values()))
-    pool = exact_pool(robot, clamp, p, r, noise, nominal)
-    if not bad.any():
-        return pool
-    if drop and not bad.all():
-        return pool.poses(np.flatnonzero(~bad))
     counts = ", ".join(f"{name}: {int(mask.sum())}" for name, mask in refused.items() if mask.any())
-    message = f"{int(bad.sum())} of {len(bad)} poses cannot be candidates ({counts})"
+    why = f"{int(bad.sum())} of {len(bad)} poses cannot be candidates ({counts})"
     if refused["off the clamp"].any():
-        message += f"; up to {off.max():.3g} {robot.length_unit} off {clamp} (given=, tolerance=)"
-    if drop:
-        raise SamplingError(f"{message}; nothing is left")
-    raise InputError(f"{message}; the first is pose {int(np.argmax(bad))}, counted from 0; drop=True leaves them out")
+        why += f"; up to {off.max():.3g} {robot.length_unit} off {clamp} (given=, tolerance=)"
+    return exact_pool(robot, clamp, p, r, noise, nominal), bad, why
 
 
 def _tolerance(robot: Hexapod, given: float | None) -> float:

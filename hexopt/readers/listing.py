@@ -29,12 +29,15 @@ class PoseList:
         None where the file does not say.
     leg : int or None
         The locked leg.
+    lines : tuple of int
+        Of each pose in the file.
     """
 
     position: Array
     rotation: Array
     lock: Lock | None
     leg: int | None
+    lines: tuple[int, ...]
 
 
 def read_poses(path: str | Path, robot: Hexapod, **settings: Any) -> list[PoseList]:
@@ -63,6 +66,7 @@ def read_poses(path: str | Path, robot: Hexapod, **settings: Any) -> list[PoseLi
             rotation[part.slice],
             part.lock if LOCK in table else None,
             part.leg,
+            tuple(table.lines[part.slice]),
         )
         for part in sets_of(table)
     ]

@@ -10,14 +10,11 @@ from .. import __version__
 from ..arrays import Array, as_generator, brief
 from ..errors import InputError
 from ..geometry import Hexapod
-from ..kinematics import inverse_kinematics
-from ..measurements import LegMeasurements, Lock, Measurements
-from ..noise import Noise, NormalNoise, UniformNoise
-from ..pools.clamp import Clamp
+from ..measurements import Lock
 from ..rotations import matrix_to_euler
 from ..selection.design import Design
-from ..selection.objective import Objective
-from ..selection.ordering import measuring_order
+from ..simulation import check_robot
+from .chosen import Choice, check_alike, noise_words, rounded_down, unit_shown
 from .comparing import RandomSets, designs_by_count, observed, random_sets
 from .page import Page, Section
 from .pictures import counts_picture, region_pictures, share_pictures, space_pictures
@@ -58,7 +55,8 @@ def design_report(
     ----------
     robot : Hexapod
     designs : Design, or a list of them
-        Each over one set of candidates with a noise model, for example one a locked leg.
+        Each over one set of candidates with a noise model, for example one a locked leg; all under the same lock, with
+        the same criterion and noise.
     counts : bool, default True
         Also ask how many poses are needed: designs with 0.4 to 2.5 times as many.
     repeat : bool, default False
@@ -76,7 +74,10 @@ def design_report(
     Raises
     ------
     InputError
-        For what is no design, or has no poses of one set.
+        For what is no design, has no poses of one set or poses that this robot does not reach by far, and for designs
+        that differ in lock, criterion or noise, or are of one leg.
+    UnitError
+        For poses in another unit than the robot's.
 
     Examples
     --------
@@ -90,10 +91,14 @@ def design_report(
     >>> page.splitlines()[0], "Left Hand: 5 poses" in page
     ('<!DOCTYPE html>', True)
     """
-    found = [designs] if isinstance(designs, Design) else list(designs)
-    if not found:
-        raise InputError("designs: there are none; give at least one")
-    choices = [_Choice(robot, one) for one in found]
+    check_robot(robot)
+    found = [designs] if isinstance(designs, Design) else designs
+    if not isinstance(found, Sequence) or not found:
+        raise InputError(f"designs: expected a Design, or a list of one or more; got {brief(designs)}")
+    if settings is not None and not isinstance(settings, Mapping):
+        raise InputError(f"settings: expected a dict of texts by name, got {brief(settings)}")
+    choices = [Choice(robot, one) for one in found]
+    check_alike(robot, choices)
     generator = as_generator(rng)
     page = Page(_title(robot, choices), footer=f"hexopt {__version__}")
     page.facts = _facts(choices)
@@ -116,53 +121,19 @@ def design_report(
     return page.html()
 
 
-class _Choice:
-    """A design with its poses in the order of measuring."""
-
-    def __init__(self, robot: Hexapod, design: Design) -> None:
-        if not isinstance(design, Design):
-            raise InputError(f"designs: expected what select_poses returns, got {brief(design)}")
-        if not isinstance(design.poses, (Measurements, LegMeasurements)):
-            raise InputError("designs: expected choices among the poses of one set, such as from hx.candidates(…)")
-        self.design = design
-        self.objective: Objective = design.question.objective()
-        self.order = measuring_order(robot, design.poses)
-        self.candidates: Measurements | LegMeasurements = design.question.sets()[0]
-        poses = design.poses.poses(self.order)
-        self.lock: Lock = poses.lock
-        self.leg = poses.locked_leg if isinstance(poses, Measurements) else poses.leg
-        length = inverse_kinematics(robot, poses.position, poses.rotation)
-        held = None if self.lock is Lock.NONE else self.leg
-        self.data = Measurements(poses.position, poses.rotation, length, self.lock, held, length_unit=robot.length_unit)
-
-    def told(self, robot: Hexapod) -> str:
-        """The clamp, what is proven, and what ended the search."""
-        words = []
-        if self.leg is not None and self.lock is not Lock.NONE:
-            held = Clamp.of_poses(robot, self.leg, self.lock, self.data.position, self.data.rotation)
-            words.append(f"Leg {self.leg} is held at the {held.describe()} in all of these poses.")
-        if np.isfinite(self.design.efficiency):
-            sure = f"{_down(self.design.efficiency)} of the best choice of these candidates, as a ratio of variances"
-            words.append("The best choice of these candidates, proven." if self.design.proven else f"At least {sure}.")
-        words.append(f"Search: {self.design.stopped}.")
-        return " ".join(words)
-
-    @property
-    def title(self) -> str:
-        """What a section on it is called."""
-        return "All legs" if self.leg is None else f"Leg {self.leg}"
-
-
-def _title(robot: Hexapod, choices: Sequence[_Choice]) -> str:
+def _title(robot: Hexapod, choices: Sequence[Choice]) -> str:
     numbers = {len(one.order) for one in choices}
     number = numbers.pop() if len(numbers) == 1 else None
     count = "poses" if number is None else "1 pose" if number == 1 else f"{number} poses"
-    each = " for each leg" if len(choices) > 1 else f" for leg {choices[0].leg}" if choices[0].leg else ""
-    lock = choices[0].lock
-    return f"{robot.name}: {count}{each}" + (", none locked" if lock is Lock.NONE else f" under the lock “{lock}”")
+    lock, legs = choices[0].lock, choices[0].legs
+    each = " for each leg" if len(choices) > 1 else "" if len(legs) > 1 else f" for leg {legs[0]}"
+    held = f" of leg {choices[0].leg}" if len(legs) > 1 else ""
+    return f"{robot.name}: {count}{each}" + (
+        ", none locked" if lock is Lock.NONE else f" under the lock “{lock}”{held}"
+    )
 
 
-def _facts(choices: Sequence[_Choice]) -> list[tuple[str, str]]:
+def _facts(choices: Sequence[Choice]) -> list[tuple[str, str]]:
     """Key numbers."""
     facts = [(str(sum(len(one.order) for one in choices)), "poses to measure")]
     known = [one.design.efficiency for one in choices if np.isfinite(one.design.efficiency)]
@@ -170,7 +141,7 @@ def _facts(choices: Sequence[_Choice]) -> list[tuple[str, str]]:
         if all(one.design.proven for one in choices):
             facts.append(("100 %", "of the best choice of these candidates, proven"))
         else:
-            facts.append((_down(min(known)), "of the best choice of these candidates, at least"))
+            facts.append((rounded_down(min(known)), "of the best choice of these candidates, at least"))
     units = {unit for one in choices for unit in one.design.units}
     for unit in sorted(units):
         worst = max(
@@ -179,19 +150,19 @@ def _facts(choices: Sequence[_Choice]) -> list[tuple[str, str]]:
             for error, its in zip(one.design.standard_errors, one.design.units, strict=True)
             if its == unit
         )
-        facts.append((f"{worst:.3g} {_shown(unit)}".rstrip(), "largest predicted standard error"))
+        facts.append((f"{worst:.3g} {unit_shown(unit)}".rstrip(), "largest predicted standard error"))
     return facts
 
 
-def _question(section: Section, robot: Hexapod, choices: Sequence[_Choice], settings: Mapping[str, str]) -> None:
+def _question(section: Section, robot: Hexapod, choices: Sequence[Choice], settings: Mapping[str, str]) -> None:
     first = choices[0]
     criterion = first.design.criterion
     said = CRITERIA.get(criterion, "an observability index, for comparison only")
     numbers = sorted({len(one.design.weights) for one in choices})
     pairs = [
-        ("Robot", f"{robot.name}; lengths in {_shown(robot.length_unit) or 'a unit that is not stated'}"),
+        ("Robot", f"{robot.name}; lengths in {unit_shown(robot.length_unit) or 'a unit that is not stated'}"),
         ("Lock", LOCKS[first.lock]),
-        ("Limits", robot.limits.describe(_shown(robot.length_unit))),
+        ("Limits", robot.limits.describe(unit_shown(robot.length_unit))),
         ("Noise", noise_words(first.candidates.noise, robot)),
         ("Criterion", f"{criterion}: {said}"),
         ("Candidates", " or ".join(map(str, numbers)) + (" for each leg" if len(choices) > 1 else "")),
@@ -200,51 +171,41 @@ def _question(section: Section, robot: Hexapod, choices: Sequence[_Choice], sett
     section.given(pairs)
 
 
-def noise_words(noise: Noise | None, robot: Hexapod) -> str:
-    """The noise that is assumed, with units."""
-    if not isinstance(noise, (UniformNoise, NormalNoise)):
-        return "as given"
-    length, reading = _shown(robot.length_unit), _shown(robot.reading_unit)
-    kind = "uniform, within ±" if isinstance(noise, UniformNoise) else "normal, of standard deviation"
-    if isinstance(noise, NormalNoise) and noise.pose_covariance is not None:
-        return "normal, of a given covariance"
-    return (
-        f"{kind} {noise.position:g} {length} in x, y and z, {np.rad2deg(noise.angle):g}° in each angle "
-        f"({noise.coordinates}), {noise.length:g} {reading} in a reading"
-    )
-
-
-def _errors(section: Section, choices: Sequence[_Choice], randoms: Sequence[RandomSets]) -> None:
+def _errors(section: Section, choices: Sequence[Choice], randoms: Sequence[RandomSets]) -> None:
     """A row a leg: the design's standard errors, and how many times larger those of random sets are."""
-    chosen: dict[str, list[str]] = {}
-    ratios: dict[str, list[str]] = {}
+    cells: dict[str, dict[str, tuple[str, str]]] = {}
     heads: dict[str, str] = {}
     for choice, random in zip(choices, randoms, strict=True):
         design = choice.design
-        for i, label in enumerate(design.labels):
-            head, _, tail = label.partition(".")
-            leg, name = (head.removeprefix("leg"), tail) if choice.leg is None else (str(choice.leg), label)
+        for i, (leg, name) in enumerate(choice.places):
             error, usual = design.standard_errors[i], random.standard_errors[i]
-            heads[name] = _shown(design.units[i])
-            chosen.setdefault(leg, [leg]).append(f"{error:.3g}")
-            ratios.setdefault(leg, [leg]).append(f"{usual / error:.2f}×" if np.isfinite(usual) else "not seen")
+            heads[name] = unit_shown(design.units[i])
+            ratio = f"{usual / error:.2f}×" if np.isfinite(usual) else "not seen"
+            doubt = ", not seen in practice" * bool(design.doubtful[i])
+            cells.setdefault(leg, {})[name] = f"{error:.3g}{doubt}", ratio
+    none = ("–", "–")
+    chosen, ratios = (
+        [[leg, *(row.get(name, none)[k] for name in heads)] for leg, row in cells.items()] for k in range(2)
+    )
+    before = " and what was measured before" if any(one.design.question.measured for one in choices) else ""
     section.table(
-        "Predicted standard errors (1 σ) of the best estimator, from the chosen poses.",
+        f"Predicted standard errors (1 σ) of the best estimator, from the chosen poses{before}.",
         [("leg", ""), *heads.items()],
-        list(chosen.values()),
+        chosen,
     )
     section.table(
-        f"How many times larger they are from random sets of as many candidates (the median of {RANDOM_SETS} sets).",
+        f"How many times larger they are from random sets of as many candidates{before} (the median of {RANDOM_SETS} "
+        "sets).",
         [("leg", ""), *((name, "") for name in heads)],
-        list(ratios.values()),
+        ratios,
     )
 
 
-def _poses(section: Section, robot: Hexapod, choice: _Choice) -> None:
+def _poses(section: Section, robot: Hexapod, choice: Choice) -> None:
     """A row a pose, in the order of measuring."""
     data, sequence = choice.data, robot.limits.sequence
     angles = np.rad2deg(matrix_to_euler(data.rotation, sequence))
-    unit, reading = _shown(robot.length_unit), _shown(robot.reading_unit)
+    unit, reading = unit_shown(robot.length_unit), unit_shown(robot.reading_unit)
     heads = [("pose", ""), ("candidate", ""), *((axis, unit) for axis in "xyz")]
     heads += [(f"angle {i}", "°") for i in (1, 2, 3)] + [(f"leg {k}", reading) for k in range(1, 7)]
     columns = [_fixed(data.position, robot.size), _fixed(angles, 100.0), _fixed(data.length, np.abs(data.length).max())]
@@ -253,7 +214,7 @@ def _poses(section: Section, robot: Hexapod, choice: _Choice) -> None:
     section.table(
         f"In their measuring order: from home to the nearest, then always on to the nearest that is left. Position, "
         f"Euler angles {sequence} ({'intrinsic' if sequence.isupper() else 'extrinsic'}), and the readings of the six "
-        "legs by the nominal robot. The candidates that the poses come from are counted from 0.",
+        "legs by the nominal robot. Candidates are counted from 0, those left out are not.",
         heads,
         rows,
         texts=0,
@@ -265,13 +226,3 @@ def _fixed(values: Array, size: float) -> list[list[str]]:
     decimals = max(0, 5 - int(np.ceil(np.log10(size)))) if size > 0 else 5
     rounded = np.round(values, decimals) + 0.0  # no −0
     return [[f"{value:.{decimals}f}".replace("-", "−") for value in row] for row in rounded]
-
-
-def _down(share: float) -> str:
-    """In per cent, rounded down, so that it stays a bound."""
-    return f"{np.floor(1000 * share) / 10:.1f} %"
-
-
-def _shown(unit: str) -> str:
-    """A unit as people write it."""
-    return "" if unit == "unstated" else unit.replace("um", "µm")

@@ -105,9 +105,10 @@ def _part(design: Design, covariance: Array, point: str) -> Array:
 
 def counts_picture(designs: Sequence[Design]) -> Picture:
     """How many poses are needed, from designs with different numbers."""
+    new = "new poses, beside what was measured before" if any(one.question.measured for one in designs) else "poses"
     return picture(
         _counts(designs),
-        "How many poses are needed: the predicted error (1 σ, of a point its distance) against the number of poses. "
+        f"How many poses are needed: the predicted error (1 σ, of a point its distance) against the number of {new}. "
         "Each number has poses of its own.",
         "Predicted errors against the number of poses",
     )
@@ -128,4 +129,5 @@ def _counts(designs: Sequence[Design]) -> Axes:
         f"{name}, RMS over legs": [float(np.sqrt(np.diag(one.covariance)[places].sum() / len(legs))) for one in designs]
         for name, places in blocks.items()
     }
-    return plots.error_against_poses([len(one.indices) for one in designs], errors, unit=unit)
+    new = any(one.question.measured for one in designs)
+    return plots.error_against_poses([len(one.indices) for one in designs], errors, unit=unit, new=new)

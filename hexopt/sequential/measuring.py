@@ -125,8 +125,8 @@ class SequentialDesign:
         """
         if not isinstance(state, SequentialState):
             raise InputError(f"state: expected a SequentialState, from start(); got {brief(state)}")
-        if state.next is None:
-            raise InputError(f"step: all {state.n} poses are measured; start again for more")
+        if state.next is None or state.n_poses >= self.n:
+            raise InputError(f"step: all {min(state.n, self.n)} poses are measured; start again for more")
         running = self.filter.step(state.running, pose)
         seen = merged(state.seen, next_pose(state.loop, pose))
         after = replace(state, running=running, order=(*state.order, state.next), seen=seen)
@@ -155,6 +155,8 @@ class SequentialDesign:
             :meth:`step` goes on from it.
         """
         state = self.start(loop)
+        if tolerances is not None and not isinstance(tolerances, Mapping):
+            raise InputError(f"tolerances: expected a dict such as {{'base_point': 0.05}}, got {brief(tolerances)}")
         if tolerances:
             state.running.enough(**tolerances)  # wrong names are told before anything is measured
         while not state.done and not (tolerances and state.running.enough(**tolerances)):

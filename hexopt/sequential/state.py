@@ -259,6 +259,9 @@ class RunningState:
         if not tolerances:
             raise InputError("enough: name a block and its tolerance, such as enough(base_point=0.05)")
         limits = {name: float(as_array(name, value, (), batch=False)) for name, value in tolerances.items()}
+        for name, limit in limits.items():
+            if limit <= 0:
+                raise InputError(f"{name}: expected a tolerance > 0, got {limit:g}")
         self.estimate.covariance_of(*limits)  # an unknown name is an error that lists the known ones
         return limits
 

@@ -158,7 +158,9 @@ def test_a_report_says_what_was_asked(done):
     page = Path("report.html").read_text()
     assert "Left Hand: 6 poses for leg 3 under the lock" in page
     assert "<dt>Seed</dt><dd>7</dd>" in page
-    assert "joint coordinates off by up to 2mm; good for 8 such robots" in page
+    assert "joint coordinates off by up to 2mm; good for 8 such robots on average" in page
+    done(f"{LEG} --nominal-error 2mm --worst --report report.html --force")
+    assert "good for the worst of 8 such robots" in Path("report.html").read_text()
 
 
 def test_other_orientations(done):
@@ -236,7 +238,7 @@ def test_unlocked_poses_measured_before_count(done):
 
 def test_refined_poses_are_better_and_stay_within_the_limits(done):
     before, out = errors(done(LEG)), done(f"{LEG} --refine --force")
-    assert "poses moved inside the limits, which takes" in out
+    assert "poses moved inside the limits, which makes A better by" in out
     assert np.square(errors(out)).sum() < np.square(before).sum()
     data = written()[0]
     assert hx.reachable(ROBOT, data.position, data.rotation).all()
@@ -281,6 +283,21 @@ def test_a_list_of_poses_without_readings(done):
     assert all((abs(pool.position - one).max(axis=1) < 1e-12).any() for one in chosen)
 
 
+def lines_said(out):
+    """The lines of the list that the output names, as poses of the list counted from 0."""
+    return [int(line) - 2 for line in re.search(r"come from lines ([\d, ]+) of mine.csv", out)[1].split(",")]
+
+
+def test_poses_are_found_in_the_list_by_their_lines(done):
+    pool = pose_list()
+    chosen = lines_said(done(f"{LIST} --report report.html"))
+    np.testing.assert_allclose(written()[0].position, pool.position[chosen], atol=1e-12)
+    header, *rows = Path("mine.csv").read_text().splitlines()
+    Path("mine.csv").write_text("\n".join([header, "0,0,40,0,0,0,1", "0,0,41,0,0,0,1", *rows]))
+    assert lines_said(done(f"{LIST} --drop --force")) == [i + 2 for i in chosen]
+    assert f"come from lines {chosen[0] + 2}, " in Path("report.html").read_text()
+
+
 def test_a_list_with_sets_gives_each_leg_its_own(done):
     done(f"select left-hand --lock direction --poses 9 --candidates 100 {NOISE} --out pool.csv")
     done(f"select left-hand --lock direction --poses 5 --candidates pool.csv --length-unit cm {NOISE} --out poses.csv")
@@ -310,7 +327,9 @@ def test_duplicates_in_a_list(refused):
     pose_list()
     lines = Path("mine.csv").read_text().splitlines()
     Path("mine.csv").write_text("\n".join([*lines, lines[3]]))
-    refused(LIST, "1 of 21 poses cannot be candidates (duplicate: 1)", "the first is pose 20, counted from 0")
+    refused(
+        LIST, "1 of 21 poses cannot be candidates (duplicate: 1)", "the first is in line 22; --drop leaves them out"
+    )
 
 
 @pytest.mark.parametrize(
@@ -368,6 +387,12 @@ def test_a_list_in_the_wrong_unit(refused):
         (f"{LEG} --lock leg --given 1,2,3", "--given: '1' has no unit"),
         (f"{LEG} --lock none --given 1,2,3", "--given: '1,2,3' is named, but --lock none holds nothing"),
         (f"{LEG} --leg all --given 0,0,1", "--given: a clamp is that of one leg; name it by --leg"),
+        (f"{LEG} --given 0,0,1 --measured no.csv", "--given: the clamp is that of the poses --measured; leave one of"),
+        (
+            f"{LEG} --position-noise 1e300cm",
+            "--position-noise: expected an error smaller than Left Hand itself, got '1e3",
+        ),
+        (f"{LEG} --length-noise 50cm", "--length-noise: expected an error smaller than Left Hand itself, got '50cm'"),
         (f"{LEG} --model 42", "--model: --lock direction decides what it sees; leave --model out"),
         (f"{LEG} --candidates 0", "--candidates: expected at least 1"),
         (f"{LEG} --candidates many", "--candidates: expected a number such as 1000, or a CSV file; got 'many'"),
@@ -415,8 +440,37 @@ def test_too_few_unlocked_poses(refused):
 def test_measured_on_another_clamp(refused):
     other = hx.candidates(ROBOT, 3, "direction", 5, PAPER, given=[-0.5, -0.2, 1.0], rng=0)
     hx.write_measurements(other, "run.csv")
-    command = f"{LEG} --measured run.csv --length-unit cm"
-    refused(f"{command} --given=-0.2,-0.2,1", "--measured: is on another clamp than the candidates", "(--given)")
+    pose_list()
+    refused(f"{LIST} --measured run.csv", "mine.csv: 20 of 20 poses cannot be candidates (off the clamp: 20)")
+
+
+def unlocked(**limits):
+    """Poses that no clamp held, with a lock written beside them."""
+    pool = hx.candidates(ROBOT, None, "none", 8, PAPER, rng=0)
+    return hx.Measurements(pool.position, pool.rotation, pool.length, **limits, length_unit="cm")
+
+
+def test_measured_on_no_clamp(refused):
+    hx.write_measurements(unlocked(lock="direction", locked_leg=3), "run.csv")
+    words = "--measured: run.csv: expected the lock direction of leg 3, but these poses share no clamp: directions "
+    refused(f"{LEG} --measured run.csv --length-unit cm", words)
+
+
+@pytest.mark.parametrize("unit", ["mm", "m", "in"])
+@pytest.mark.parametrize("lock", ["direction", "none"])
+def test_measured_in_another_unit(refused, lock, unit):
+    hx.write_measurements(hx.simulate(ROBOT, lock, 6, leg=None if lock == "none" else 3, rng=0), "run.csv")
+    words = "--measured: run.csv: 6 of 6 poses are far beyond the limits of Left Hand (leg_length: 6", "--length-unit,"
+    refused(f"{LEG} --lock {lock} --measured run.csv --length-unit {unit}", *words)
+
+
+def test_measured_within_wider_limits_than_now(done):
+    """The limits that count are the robot's own, and those that a nominal sees a little off."""
+    hx.write_measurements(hx.simulate(ROBOT, "none", 9, rng=0), "run.csv")
+    ROBOT.perturbed(0.5, rng=0).to_toml("nominal.toml")
+    command = LEG.replace("left-hand", "nominal.toml").replace("direction", "none")
+    out = done(f"{command} --leg-length 19cm,22cm --tilt 5deg --measured run.csv --length-unit cm")
+    assert "with 9 poses measured before" in out
 
 
 @pytest.mark.parametrize("which", [f"{LEG} --leg 4", f"{LEG} --lock leg", f"{LEG} --leg all"])
@@ -433,3 +487,31 @@ def test_measured_on_two_clamps(refused):
 def test_an_output_that_is_an_input(refused):
     pose_list()
     refused(f"{LIST} --force".replace("poses.csv", "mine.csv"), "mine.csv: is already an input or another output")
+
+
+# --- robots that say little
+
+
+def unlimited(name="free.toml"):
+    free = hx.Hexapod("free", ROBOT.base_points, ROBOT.platform_points, home_position=[0, 0, 19], length_unit="cm")
+    free.to_toml(name)
+
+
+def test_a_robot_without_limits(done, refused):
+    unlimited()
+    command = LEG.replace("left-hand", "free.toml")
+    refused(f"{command} --refine", "no limits on leg lengths and angles", "give it [limits] in its TOML file")
+    assert "\n  the robot has no limits: whether it reaches these poses is not known\n" in done(command)
+
+
+def test_what_is_not_seen_in_practice_is_told(done):
+    """All poses are turned about nearly one axis."""
+    angles = np.random.default_rng(0).uniform(-1, 1, (12, 3)) * [2e-4, 2e-4, 0.3]
+    turns = hx.rotations.euler_to_matrix(angles, "xyz")
+    point = ROBOT.base_points[2] + ROBOT.home_vectors[2]
+    pool = hx.candidates_at(ROBOT, point - turns @ ROBOT.platform_points[2], turns, 3, "leg")
+    hx.write_measurements(pool, "mine.csv")
+    out = done(f"{LIST} --lock leg --report report.html")
+    (line,) = [line for line in out.splitlines() if "not seen in practice" in line]
+    assert "platform_point.z" in line
+    assert ", not seen in practice" in Path("report.html").read_text()

@@ -8,6 +8,7 @@ import pytest
 import hexopt as hx
 from hexopt.information import pose_information
 from hexopt.selection.design import Design
+from hexopt.selection.question import Question, criterion_of
 
 
 @pytest.fixture(autouse=True)
@@ -34,7 +35,8 @@ def pool():
 def design_of(pool):
     """Return a function: the design of some of the pool's poses, with a bound of 0.9 of its value."""
     data = pool.leg(3)
-    information = pose_information(hx.loops.FixedDirection(data))
+    loop = hx.loops.FixedDirection(data)
+    information = pose_information(loop)
 
     def design(indices, criterion="A"):
         index = np.asarray(indices)
@@ -55,7 +57,7 @@ def design_of(pool):
             efficiency=0.9,
             proven=False,
             stopped="by hand",
-            question=None,
+            question=Question(loop, criterion_of(criterion)),
         )
 
     return design

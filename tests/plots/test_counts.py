@@ -65,6 +65,9 @@ class TestKnee:
             ([4, 5], [1.0, np.nan], 0.05, "errors: expected values > 0"),
             ([4, 5], [1.0, 0.0], 0.05, "errors: expected values > 0"),
             ([4, 5], [1.0, 0.9], 5, r"share: expected a share in \(0, 1\)"),
+            ([4, 5], [1.0, 0.9], "x", r"share: expected a share in \(0, 1\), such as 0.05, got 'x'"),
+            ([4, 5], ["a", "b"], 0.05, r"errors: expected numbers, got \['a', 'b'\]"),
+            ([4, 5], [1.0, [2.0, 3.0]], 0.05, "errors: expected numbers"),
         ],
     )
     def test_bad_input(self, counts, errors, share, message):
@@ -106,6 +109,21 @@ class TestErrorAgainstPoses:
         assert ax.get_title(loc="left") == "From 10 poses on, one more gains less than 5 %"
         assert ax.get_ylabel() == "predicted error (mm)"
 
+    def test_a_knee_at_the_first_number_is_no_place_to_begin_from(self):
+        ax = error_against_poses([4, 5, 6], {"a": [8.0, 7.9, 7.8]})
+        assert ax.get_title(loc="left") == "One more pose gains less than 5 % at all of these numbers"
+        assert len(ax.lines) == 2  # no vertical one
+
+    def test_where_others_were_measured_before_only_new_ones_count(self, design_of, pool):
+        before = hx.loops.FixedDirection(pool.leg(3).poses(slice(8)))
+        designs = [design_of(np.arange(n)) for n in (5, 8, 12)]
+        designs = [replace(one, question=replace(one.question, measured=before)) for one in designs]
+        for ax in (error_against_poses(designs), error_against_poses([5, 8], {"a": [2.0, 1.0]}, new=True)):
+            assert ax.get_xlabel() == "new poses, N"
+            assert ax.get_title(loc="left").startswith("Up to ")
+            assert " new poses, one more gains" in ax.get_title(loc="left")
+            assert "as 1/√N" not in curves(ax)
+
     def test_no_knee_yet(self):
         ax = error_against_poses([4, 5, 6], {"a": [8.0, 4.0, 2.0]}, share=0.1)
         assert ax.get_title(loc="left") == "Up to 6 poses, one more gains 10 % or more"
@@ -140,5 +158,9 @@ class TestErrorAgainstPoses:
             error_against_poses([4, 5, 6], {"a": [1.0, 2.0, -1.0]})
         with pytest.raises(InputError, match="one error > 0"):
             error_against_poses([4, 5, 6], {})
+        with pytest.raises(InputError, match=r"errors: expected a dict of errors by block, got \[2.0, 1.0, 0.9\]"):
+            error_against_poses([3, 4, 5], [2.0, 1.0, 0.9])
+        with pytest.raises(InputError, match="errors: expected numbers, got 'a'"):
+            error_against_poses([3, 4, 5], {"a": "a"})
         with pytest.raises(InputError, match="ax: expected flat axes"):
             error_against_poses([4, 5], {"a": [2.0, 1.0]}, ax=hx.plots.hexapod(hx.robots.left_hand()))

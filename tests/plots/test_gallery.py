@@ -64,3 +64,22 @@ def test_the_locked_leg(left_hand, pool):
 def test_no_minus_zero(left_hand):
     data = hx.LegMeasurements([[-1e-9, 0.0, 19.0]], [np.eye(3)], None, "none", length_unit="cm")
     assert titles(hx.plots.pose_gallery(left_hand, data))[0][1] == "P = (0.000, 0.000, 19.000) cm"
+
+
+@pytest.mark.parametrize(("columns", "n", "across"), [(4, 3, 3), (2, 3, 2), (1, 2, 1)])
+def test_so_many_columns(left_hand, pool, columns, n, across):
+    figure = hx.plots.pose_gallery(left_hand, pool.poses(range(n)), columns=columns)
+    figure.canvas.draw()
+    assert len({round(ax.get_position().x0, 3) for ax in figure.axes}) == across
+
+
+def test_labels_lie_within_the_figure(robot):
+    for n in (1, 4):
+        figure = hx.plots.pose_gallery(robot, hx.simulate(robot, "none", n, rng=0))
+        figure.canvas.draw()
+        assert all(ax.zaxis.label.get_window_extent().x1 < figure.bbox.x1 for ax in figure.axes)
+
+
+def test_no_columns(left_hand, pool):
+    with pytest.raises(InputError, match="columns: expected a whole number >= 1, got 0"):
+        hx.plots.pose_gallery(left_hand, pool.poses([0]), columns=0)

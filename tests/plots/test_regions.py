@@ -1,6 +1,7 @@
 """Confidence ellipses: their axes, their orientation, and that they hold 95 % of draws."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -75,6 +76,22 @@ def test_designs_differ_in_colour_and_style_and_fit(covariance):
         assert ax.get_xlabel().endswith("(µm)")
 
 
+def test_one_design_needs_no_list(design_of):
+    design = design_of(np.arange(6))
+    for one, listed in zip(ellipses(error_ellipsoids(design)), ellipses(error_ellipsoids([design])), strict=True):
+        assert one[0].get_width() == listed[0].get_width()
+
+
+@pytest.mark.parametrize("size", [3e-4, 0.05, 4.0, 12_000.0, 7e5])
+def test_numbers_on_the_axes_stand_apart(size):
+    figure = error_ellipsoids([np.diag([size, size / 2, size / 3]) ** 2 / 6], unit="um")
+    figure.canvas.draw()
+    for ax in figure.axes:
+        boxes = [label.get_window_extent() for label in ax.get_xticklabels()]
+        assert len(boxes) >= 3
+        assert all(one.x1 + 2 < two.x0 for one, two in pairwise(boxes))
+
+
 def test_bad_input(design_of):
     design = design_of(np.arange(6))
     with pytest.raises(InputError, match=r"which: no point 'base'; this design has platform_point\.x"):
@@ -91,7 +108,10 @@ def test_bad_input(design_of):
         error_ellipsoids([design, replace(design, units=("mm",) * 6)])
     with pytest.raises(InputError, match="labels: expected 1, one a design, got 2"):
         error_ellipsoids([design], ["a", "b"])
-    for designs, level in (([], 0.95), ([design], 95)):
-        with pytest.raises(InputError, match=r"one or more designs and a level in \(0, 1\)"):
-            error_ellipsoids(designs, level=level)
+    for designs in ([], None, 3):
+        with pytest.raises(InputError, match=r"designs: expected one or more designs, or covariances \(3, 3\)"):
+            error_ellipsoids(designs)
+    for level in (95, "x"):
+        with pytest.raises(InputError, match=r"level: expected a probability in \(0, 1\)"):
+            error_ellipsoids([design], level=level)
     assert not plt.get_fignums()  # what is refused leaves no figure behind

@@ -110,6 +110,13 @@ class TestHexapod:
         with pytest.raises(InputError, match=message):
             hx.plots.hexapod(left_hand, **arguments)
 
+    def test_no_robot(self, pool):
+        with pytest.raises(InputError, match="robot: expected a Hexapod, got NoneType"):
+            hx.plots.hexapod(None)
+        for draw in (hx.plots.poses, hx.plots.pose_gallery):
+            with pytest.raises(InputError, match="robot: expected a Hexapod, got NoneType"):
+                draw(None, pool)
+
     def test_flat_axes_are_refused(self, left_hand):
         with pytest.raises(InputError, match="axes in space, got Axes"):
             hx.plots.hexapod(left_hand, ax=plt.figure().add_subplot())
@@ -201,6 +208,8 @@ class TestPoses:
     def test_bad_poses(self, left_hand, pool, design_of):
         with pytest.raises(InputError, match="poses: expected LegMeasurements, Measurements or a Design, got 'all'"):
             hx.plots.poses(left_hand, "all")
+        with pytest.raises(InputError, match="or a Design, got None"):
+            hx.plots.poses(left_hand, None)
         with pytest.raises(InputError, match=r"got a batch of \(3,\)"):
             hx.plots.poses(left_hand, hx.simulate_leg(left_hand, 3, "leg", 5, n_sets=3, rng=0))
         with pytest.raises(InputError, match="bare information"):

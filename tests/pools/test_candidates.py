@@ -250,6 +250,9 @@ class TestArguments:
                 r"accept: expected a mask of \d+ booleans, one a pose, got float64",
             ),
             ({"accept": lambda p, r: np.bool_(True)}, InputError, r"got bool of shape \(\)"),
+            ({"accept": 3}, InputError, r"accept: expected a function of positions \(m, 3\) and .*, got 3"),
+            ({"accept": lambda p: p}, InputError, "accept: expected a function of positions"),
+            ({"noise": hx.UniformNoise}, InputError, "noise: expected a noise model such as"),
         ],
     )
     def test_wrong_ones(self, left_hand, changes, error, message):

@@ -167,6 +167,9 @@ def test_poses_that_share_no_direction(left_hand):
         (np.zeros((4, 2, 3)), np.eye(3)[None], {}, r"position: expected shape \(n, 3\), got \(4, 2, 3\)"),
         (np.zeros((1, 3)), np.eye(3)[None], {"tolerance": -1.0}, "tolerance: expected a length >= 0, got -1"),
         (np.zeros((1, 3)), np.eye(3)[None], {"accept": lambda p, r: 1}, "accept: expected a mask of 1 booleans"),
+        (np.zeros((1, 3)), np.eye(3)[None], {"accept": 3}, r"accept: expected a function of positions .*, got 3"),
+        (np.zeros((1, 3)), np.eye(3)[None], {"accept": lambda p: p}, "accept: expected a function of positions"),
+        (np.zeros((1, 3)), np.eye(3)[None], {"drop": "no"}, "drop: expected True or False, got 'no'"),
         (np.zeros((1, 3)), np.eye(3)[None], {"lock": "tight"}, "lock: expected one of"),
     ],
 )

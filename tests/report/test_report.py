@@ -191,6 +191,8 @@ def test_poses_measured_before_and_few_that_see_nothing_alone():
     design = hx.select_poses(hx.loops.FixedDirection(pool.poses(np.arange(40))), 1, measured=before)
     read = Reader(hx.design_report(ROBOT, design, rng=0))
     assert "1 pose for leg 3" in read.text
+    assert read.text.count("from the chosen poses and what was measured before.") == 1
+    assert "the number of new poses, beside what was measured before." in read.text
 
 
 def test_without_noise_amounts_the_noise_is_as_given(unpictured):
@@ -202,7 +204,11 @@ def test_without_noise_amounts_the_noise_is_as_given(unpictured):
 
 @pytest.mark.parametrize(
     ("designs", "message"),
-    [([], "designs: there are none"), (["A"], "designs: expected what select_poses returns, got 'A'")],
+    [
+        ([], "designs: expected a Design, or a list of one or more; got"),
+        (None, "designs: expected a Design, or a list of one or more; got None"),
+        (["A"], "designs: expected what select_poses returns, got 'A'"),
+    ],
 )
 def test_what_is_no_design(designs, message):
     with pytest.raises(hx.InputError, match=message):
@@ -213,3 +219,68 @@ def test_a_design_of_bare_information_has_no_poses(design):
     bare = hx.select_poses(design.question.objective().information, 5)
     with pytest.raises(hx.InputError, match="choices among the poses of one set"):
         hx.design_report(ROBOT, bare, rng=0)
+
+
+def test_every_error_stands_under_its_parameter(unpictured):
+    """Also where designs are of different parameters."""
+    designs = [design_for(3), design_for(4, of=["base_point"])]
+    read = Reader(unpictured(designs))
+    heads, three, four = read.tables[0]
+    assert heads == ["leg", *(f"{label}cm" for label in designs[0].labels)]
+    assert three[1:] == [f"{error:.3g}" for error in designs[0].standard_errors]
+    assert four == ["4", *"–––", *(f"{error:.3g}" for error in designs[1].standard_errors)]
+    assert read.tables[1][2][:4] == ["4", *"–––"]
+
+
+def test_the_whole_robot_over_a_locked_set_has_a_row_a_leg(unpictured):
+    pool = hx.candidates(ROBOT, 3, "direction", 80, NOISE, rng=0)
+    design = hx.select_poses(hx.loops.WholeRobot(pool, unknown=("platform_point", "base_point")), 12)
+    read = Reader(unpictured(design))
+    assert "12 poses under the lock “direction” of leg 3" in read.text
+    assert [row[0] for row in read.tables[0]] == ["leg", *"123456"]
+    assert read.tables[0][2][1:] == [f"{error:.3g}" for error in design.standard_errors[6:12]]
+
+
+@pytest.mark.parametrize(
+    ("others", "message"),
+    [
+        ({"leg": 4, "lock": "leg"}, "expected one lock, got direction and leg; make a report of each"),
+        ({"leg": 4, "criterion": "D"}, "expected one criterion, got A and D"),
+        ({"leg": 3}, "expected each leg once, got leg 3 in two of them"),
+    ],
+)
+def test_designs_that_differ_in_what_the_page_says_once(design, others, message):
+    with pytest.raises(hx.InputError, match=message):
+        hx.design_report(ROBOT, [design, design_for(**others)], rng=0)
+
+
+def test_designs_with_different_noise(design):
+    pool = hx.candidates(ROBOT, 4, "direction", 30, hx.UniformNoise(0.02, 1e-4, 0.01), rng=0)
+    other = hx.select_poses(hx.loops.FixedDirection(pool.leg(4)), 5)
+    with pytest.raises(hx.InputError, match=r"expected one noise, got uniform, within ± 0\.01 cm"):
+        hx.design_report(ROBOT, [design, other], rng=0)
+
+
+def test_another_robot_than_that_of_the_design(design):
+    with pytest.raises(hx.UnitError, match="designs: their poses are in cm, Jugglebot is in mm; give"):
+        hx.design_report(hx.robots.jugglebot(), design, rng=0)
+    small = hx.Hexapod(
+        "small",
+        ROBOT.base_points / 2,
+        ROBOT.platform_points / 2,
+        home_position=ROBOT.home_position / 2,
+        limits=hx.Limits(leg_length=(8.6, 12.6)),
+        length_unit="cm",
+    )
+    with pytest.raises(hx.InputError, match=r"5 of 5 poses are far beyond the limits of small \(leg_length: 5"):
+        hx.design_report(small, design, rng=0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [({"robot": None}, "robot: expected a Hexapod"), ({"settings": [1]}, "settings: expected a dict of texts by name")],
+)
+def test_wrong_settings(design, settings, message):
+    given = {"robot": ROBOT, "designs": design, "rng": 0} | settings
+    with pytest.raises(hx.InputError, match=message):
+        hx.design_report(**given)

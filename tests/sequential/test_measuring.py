@@ -116,6 +116,17 @@ def test_stops_when_it_is_enough(left_hand):
     assert not (errors[:-1] <= 0.06).any()
     with pytest.raises(InputError, match="depth"):
         hx.SequentialDesign(5).run(loop, lab, {"depth": 0.1})
+    with pytest.raises(InputError, match=r"tolerances: expected a dict such as {'base_point': 0\.05}, got 0\.1"):
+        hx.SequentialDesign(5).run(loop, lab, 0.1)
+
+
+def test_a_state_with_more_poses_than_the_plan_has(left_hand):
+    loop, lab, _ = study(left_hand, "leg", n=20)
+    state = hx.SequentialDesign(5).start(loop)
+    for _ in range(4):
+        state = hx.SequentialDesign(5).step(state, lab(state.pose))
+    with pytest.raises(InputError, match="step: all 4 poses are measured"):
+        hx.SequentialDesign(4).step(state, lab(state.pose))
 
 
 def test_a_candidate_may_be_measured_again(left_hand):

@@ -242,6 +242,8 @@ def test_enough_poses(left_hand):
     assert one.enough_after(base_point=tolerance * (1 + 1e-9)) == 9
     assert isinstance(one.consistent, bool)
     assert isinstance(one.overconfident, bool)
+    with pytest.raises(hx.InputError, match="base_point: expected a tolerance > 0, got -1"):
+        one.enough(base_point=-1)
 
 
 def test_states_never_change(left_hand):
