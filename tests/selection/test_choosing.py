@@ -225,7 +225,6 @@ class TestHardlySeen:
         assert len(design.indices) == 7
         assert 0.85 < design.efficiency <= 1 + 1e-6
 
-
     def test_what_is_not_seen_in_practice_is_said(self, direction):
         near = hx.PoseRanges((1e-4, 1e-4, 1e-4), (20.0, 20.01), 0.0, 0.0)
         pool = hx.candidates(ROBOT, 3, "direction", 50, NOISE, ranges=near, rng=0)
