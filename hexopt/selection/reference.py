@@ -1,4 +1,6 @@
-r"""The relaxations of A and D as cvxpy problems: the definitions that fast routes must agree with.
+r"""The relaxations as cvxpy problems: the definitions that fast routes must agree with.
+
+Those of E, G and κ stand in :mod:`hexopt.selection.reference_cones`; here are A and D.
 
 Over shares :math:`x_i = c_i w_i / N \ge 0` of the budget, :math:`\sum_i x_i \le 1`, :math:`x_i \le c_i u_i / N`, with
 the nuisances kept in :math:`M_s(w) = M_{s0} + \sum_i w_i M_{si}`:
@@ -17,34 +19,41 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from .criteria import AOptimal, DOptimal
+from .criteria import AOptimal, DOptimal, EOptimal
 from .feasible import Feasible
+from .indices import ConditionNumber
 from .objective import Objective
-from .reference_cones import Posed
+from .prediction import GOptimal
+from .reference_cones import Posed, condition_by_cvxpy, largest_by_cvxpy, prediction_by_cvxpy
 
 __all__ = ["relaxed_by_cvxpy"]
 
 
 def relaxed_by_cvxpy(objective: Objective, feasible: Feasible, tolerance: float = 1e-8) -> float:
-    """The least value of A or D over all allowed weights, by Clarabel.
+    """The least value of a criterion over all allowed weights, by Clarabel.
 
     Parameters
     ----------
     objective : Objective
     feasible : Feasible
     tolerance : float, default 1e-8
-        Clarabel's, of gap and constraints.
+        Clarabel's, of gap and constraints, for A and D.
 
     Raises
     ------
     InputError
-        For another criterion.
+        For a criterion other than A, D, E, G and κ.
     """
     import cvxpy as cp
 
+    if isinstance(objective.criterion, ConditionNumber):
+        return condition_by_cvxpy(objective.information, feasible)
+    if isinstance(objective.criterion, (EOptimal, GOptimal)):
+        by = largest_by_cvxpy if isinstance(objective.criterion, EOptimal) else prediction_by_cvxpy
+        return by(objective, feasible)
     terms = {AOptimal: _variances, DOptimal: _volumes}.get(type(objective.criterion))
     if terms is None:
-        raise InputError(f"criterion {objective.criterion.name}: expected A or D; others stand in reference_cones")
+        raise InputError(f"criterion {objective.criterion.name}: expected A, D, E, G or κ")
     posed = Posed(objective.information, feasible)
     values, conditions, unit = terms(posed)
     goal = cp.maximum(*values) if objective.worst and len(values) > 1 else cp.sum(cp.hstack(values)) / len(values)

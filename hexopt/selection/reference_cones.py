@@ -36,7 +36,7 @@ def prediction_by_cvxpy(objective: Objective, feasible: Feasible) -> float:
     import cvxpy as cp
 
     if not isinstance(objective.criterion, GOptimal) or objective.criterion.rows is None:
-        raise InputError("prediction_by_cvxpy: expected the criterion GOptimal(task).on(loop, at, information)")
+        raise InputError("criterion: expected GOptimal(task).on(loop, at, information)")
     posed = Posed(objective.information, feasible)
     unit = objective.value(posed.even)
     rows = np.broadcast_to(objective.criterion.rows, (len(posed.matrices), *objective.criterion.rows.shape[1:]))

@@ -12,7 +12,7 @@ from hexopt.selection.condition import condition_bound, relax_condition
 from hexopt.selection.feasible import Feasible
 from hexopt.selection.indices import ConditionNumber
 from hexopt.selection.objective import Objective
-from hexopt.selection.reference_cones import condition_by_cvxpy
+from hexopt.selection.reference import relaxed_by_cvxpy
 
 NOISE = hx.UniformNoise(0.01, np.deg2rad(0.01), 0.01)
 
@@ -66,7 +66,7 @@ def test_agrees_with_cvxpy(fixed, feasible):
     information = drawn(1, fixed=fixed)
     found = relax_condition(information, feasible)
     assert found.ok
-    assert found.value == pytest.approx(condition_by_cvxpy(information, feasible), rel=1e-6)
+    assert found.value == pytest.approx(relaxed_by_cvxpy(Objective(information, ConditionNumber()), feasible), rel=1e-6)
     assert feasible.holds(found.weights)
     if feasible.counts_poses:
         assert found.weights.sum() == pytest.approx(8, rel=1e-12)

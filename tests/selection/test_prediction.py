@@ -9,7 +9,7 @@ from hexopt.information import PoseInformation, pose_information
 from hexopt.selection.feasible import Feasible
 from hexopt.selection.objective import Objective
 from hexopt.selection.prediction import GOptimal
-from hexopt.selection.reference_cones import prediction_by_cvxpy
+from hexopt.selection.reference import relaxed_by_cvxpy
 from hexopt.selection.relaxation import relax
 
 NOISE = hx.UniformNoise(0.01, np.deg2rad(0.01), 0.01)
@@ -147,13 +147,7 @@ def test_relaxation_agrees_with_cvxpy(cap, scenarios, worst):
     feasible = Feasible(np.full(40, float(cap)), np.ones(40), 9.0)
     found = relax(objective, feasible)
     assert found.ok
-    assert found.value == pytest.approx(prediction_by_cvxpy(objective, feasible), rel=3e-6)
-
-
-def test_the_reference_takes_no_other_criterion():
-    objective = Objective(pose_information(leg_loop()), hx.AOptimal())
-    with pytest.raises(InputError, match="prediction_by_cvxpy: expected the criterion GOptimal"):
-        prediction_by_cvxpy(objective, Feasible(np.ones(60), np.ones(60), 9.0))
+    assert found.value == pytest.approx(relaxed_by_cvxpy(objective, feasible), rel=3e-6)
 
 
 def test_it_is_better_over_its_task_than_other_designs():

@@ -224,5 +224,5 @@ class TestRefusals:
         class Other(AOptimal):
             name = "other"
 
-        with pytest.raises(InputError, match="other: expected A or D"):
+        with pytest.raises(InputError, match="other: expected A, D, E, G or κ"):
             relaxed_by_cvxpy(Objective(random_pool(0), Other()), counted(12, 5))

@@ -16,7 +16,7 @@ from hexopt.selection.cones import Rows, packed, root_of, solve_cones, unpacked
 from hexopt.selection.criteria import EOptimal
 from hexopt.selection.feasible import Feasible
 from hexopt.selection.objective import Objective
-from hexopt.selection.reference_cones import largest_by_cvxpy
+from hexopt.selection.reference import relaxed_by_cvxpy
 from hexopt.selection.relaxation import relax
 from hexopt.selection.semidefinite import _Largest, relax_largest, semidefinite_bound
 
@@ -72,7 +72,7 @@ def test_agrees_with_cvxpy(lock, cap):
     objective, feasible = made(lock, 120), counted(120, 10, cap)
     found = relax_largest(objective, feasible)
     assert found.ok
-    assert found.value == pytest.approx(largest_by_cvxpy(objective, feasible), rel=1e-6)
+    assert found.value == pytest.approx(relaxed_by_cvxpy(objective, feasible), rel=1e-6)
 
 
 @pytest.mark.parametrize("worst", [False, True])
@@ -84,7 +84,7 @@ def test_scenarios_costs_and_what_is_known_agree_with_cvxpy(worst, feasible, fix
     assert found.ok
     assert feasible.holds(found.weights)
     assert found.value == objective.value(found.weights)
-    assert found.value == pytest.approx(largest_by_cvxpy(objective, feasible), rel=1e-6)
+    assert found.value == pytest.approx(relaxed_by_cvxpy(objective, feasible), rel=1e-6)
 
 
 @pytest.mark.parametrize("lock", LOOPS)
