@@ -1,6 +1,7 @@
 """What the tests share: a reproducible hypothesis profile, robots, noise, central differences."""
 
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,19 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 PAPER_NOISE = {"position": 0.01, "angle": np.deg2rad(0.01), "length": 0.01}
 
 
-def pytest_configure():
+class Figures:
+    """A plugin, so for doctests too: what a test draws is closed behind it; pyplot bears twenty figures in peace."""
+
+    @pytest.fixture(autouse=True)
+    def _closed(self):
+        yield
+        if "matplotlib.pyplot" in sys.modules:
+            sys.modules["matplotlib.pyplot"].close("all")
+
+
+def pytest_configure(config):
     """Pin BLAS to one thread: more of them make small problems up to forty times slower when the machine is busy."""
+    config.pluginmanager.register(Figures())
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # for libraries that are loaded later
     threadpool_limits(1)
