@@ -20,7 +20,7 @@ from .branching import prove as prove_best
 from .condition import relax_condition
 from .criteria import AOptimal, Criterion
 from .design import Design
-from .exchange import Counts, best_of
+from .exchange import Counts, best_of, factors
 from .feasible import Feasible
 from .indices import RESOLVED, ConditionNumber
 from .objective import Objective
@@ -157,8 +157,9 @@ def answer(
     generator = None if rng is None else as_generator(rng)
     relaxation = relaxation_of(objective, feasible)
     guide = relaxation or relax(replace(objective, criterion=AOptimal()), feasible)
-    begun = starts_of(objective, feasible, guide.weights, starts, generator)
-    counts, _ = best_of(objective, feasible, begun)
+    rows = factors(objective.information.blocks)
+    begun = starts_of(objective, feasible, guide.weights, starts, generator, rows)
+    counts, _ = best_of(objective, feasible, begun, rows)
     stopped = f"no exchange of a pose helps, from {len(begun)} starts"
     bound, proven = relaxation.bound if relaxation else np.nan, False
     if prove is not None:

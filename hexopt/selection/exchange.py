@@ -99,9 +99,11 @@ def exchange(
     return search.counts, search.value
 
 
-def best_of(objective: Objective, feasible: Feasible, starts: Sequence[Counts]) -> tuple[Counts, float]:
-    """The best design that `exchange` reaches from several starts, and its value."""
-    rows = factors(objective.information.blocks)
+def best_of(
+    objective: Objective, feasible: Feasible, starts: Sequence[Counts], rows: Array | None = None
+) -> tuple[Counts, float]:
+    """The best design that `exchange` reaches from several starts, and its value; `rows` as there."""
+    rows = factors(objective.information.blocks) if rows is None else rows
     return min((exchange(objective, feasible, start, rows=rows) for start in starts), key=lambda design: design[1])
 
 

@@ -21,7 +21,12 @@ TRACE = 1e-9
 
 
 def starts_of(
-    objective: Objective, feasible: Feasible, weights: Array, number: int = 8, rng: np.random.Generator | None = None
+    objective: Objective,
+    feasible: Feasible,
+    weights: Array,
+    number: int = 8,
+    rng: np.random.Generator | None = None,
+    rows: Array | None = None,
 ) -> list[Counts]:
     r"""Different designs that see all parameters, from the weights w of a relaxation.
 
@@ -39,6 +44,8 @@ def starts_of(
     number : int, default 8
         Of designs, before those that are equal are taken out.
     rng : Generator, optional
+    rows : ndarray, shape (S, n, r, m), optional
+        `factors` of the poses, if they are at hand.
 
     Returns
     -------
@@ -51,7 +58,7 @@ def starts_of(
     """
     if not np.isfinite(objective.value(np.floor(feasible.cap + 1e-9))):
         raise RankDeficientError(f"all candidates together do not see {_all(objective)}; take others that differ more")
-    rows = factors(objective.information.blocks)
+    rows = factors(objective.information.blocks) if rows is None else rows
     found: dict[bytes, Counts] = {}
     for order in _orders(weights, number, rng):
         counts = _mended(objective, feasible, _taken(feasible, order), rows)
