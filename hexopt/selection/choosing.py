@@ -154,6 +154,10 @@ def answer(
             objective.criterion.of_twin(part, objective.main) for part in (found.value, found.bound, found.relaxed)
         )
         return replace(found, criterion=objective.criterion.name, value=value, bound=bound, relaxed=relaxed)
+    if prove is not None and not objective.criterion.convex:
+        raise InputError(
+            f"prove: {objective.criterion.name} is not convex: nothing bounds designs of which some poses are set"
+        )
     generator = None if rng is None else as_generator(rng)
     relaxation = relaxation_of(objective, feasible)
     guide = relaxation or relax(replace(objective, criterion=AOptimal()), feasible)
@@ -162,11 +166,7 @@ def answer(
     counts, _ = best_of(objective, feasible, begun, rows)
     stopped = f"no exchange of a pose helps, from {len(begun)} starts"
     bound, proven = relaxation.bound if relaxation else np.nan, False
-    if prove is not None:
-        if relaxation is None or not objective.criterion.convex:
-            raise InputError(
-                f"prove: {objective.criterion.name} is not convex: nothing bounds designs of which some poses are set"
-            )
+    if prove is not None and relaxation is not None:
         proof = prove_best(objective, feasible, counts, relaxation, seconds=prove)
         counts, bound, proven, stopped = proof.counts, max(bound, proof.bound), proof.proven, proof.stopped
     return design_of(question, objective, counts, relaxation, bound, proven, stopped)
